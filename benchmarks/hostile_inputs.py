@@ -85,6 +85,7 @@ def _session(folder: Path) -> Case:
         "schema": "session/1",
         "cell": "mock-ur10e",
         "cell_sha256": "of another cell",
+        "arm_sha256": "of another arm",
         "arm": "ur10e",
         "quick": True,
         "rounds": 2,

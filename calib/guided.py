@@ -19,19 +19,25 @@ ROUNDS = 2
 HELD_OUT = "validation.mcap"
 
 
-def with_cell(session: GuidedSession, sha256: str) -> GuidedSession:
-    """The session with the cell file as it is now: check and plan are done again. ConfigError where something was recorded already."""
-    if session.cell_sha256 == sha256:
+def with_files(session: GuidedSession, cell_sha256: str, arm_sha256: str) -> GuidedSession:
+    """The session with its cell and its arm as their files are now (`files_of`): where one has changed, check and plan are done again.
+
+    ConfigError where something was recorded already: a session is of one cell and one arm.
+    """
+    changed = [f"the cell file of {session.cell}"] if session.cell_sha256 != cell_sha256 else []
+    changed += [f"the arm {session.arm}"] if session.arm_sha256 != arm_sha256 else []
+    if not changed:
         return session
+    what = " and ".join(changed)
     if session.finished("record"):
         raise ConfigError(
-            f"{session.folder}: the cell file of {session.cell} has changed since its recordings were made; begin a new session with --new"
+            f"{session.folder}: {what} changed after the recordings were made; put back what it was, or begin a new session with --new"
         )
-    changed = replace(session, cell_sha256=sha256)
+    after = replace(session, cell_sha256=cell_sha256, arm_sha256=arm_sha256)
     for name in ("check", "plan"):
-        if changed.finished(name):
-            changed = changed.undone(name, "the cell file has changed")
-    return changed
+        if after.finished(name):
+            after = after.undone(name, f"{what} changed")
+    return after
 
 
 def with_options(session: GuidedSession, quick: bool, rounds: int | None) -> GuidedSession:

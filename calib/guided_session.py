@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
@@ -11,7 +12,10 @@ import tomli_w
 from pydantic import Field
 
 from calib.past_runs import list_runs, runs_and_faults
-from sim.cell import load_cell
+from calib.terminal import console
+from safety.hashes import hashes_of
+from sim.arm import Arm
+from sim.cell import Cell, load_cell
 from sim.errors import ConfigError
 from sim.files import read_toml
 from sim.resources import nearest
@@ -57,6 +61,7 @@ class SessionTable(StrictTable):
     schema_: Literal["session/1"] = Field(alias="schema")
     cell: str
     cell_sha256: str
+    arm_sha256: str
     arm: Name
     quick: bool
     rounds: Annotated[int, Field(ge=1, le=20)]
@@ -71,6 +76,7 @@ class GuidedSession:
     folder: Path
     cell: str
     cell_sha256: str
+    arm_sha256: str
     arm: str
     quick: bool
     rounds: int
@@ -82,18 +88,21 @@ class GuidedSession:
         last = next((d for d in reversed(self.done) if d.name == name), None)
         return last if last is not None and last.exit_code in _fine(name) else None
 
+    @property
+    def commands(self) -> tuple[DoneTable, ...]:
+        """The commands that were run, whether or not what they did still holds."""
+        return tuple(d for d in self.done if d.exit_code != NOT_VALID)
+
     def undone(self, name: str, why: str) -> GuidedSession:
-        """The session in which a step has to be done again, and with it what follows from it; written to its folder."""
+        """The session in which a step has to be done again, and with it what follows from it."""
         return self.with_done(GuidedStep(name, "", ()), "", NOT_VALID, why, 0.0)
 
     def with_done(self, step: GuidedStep, folder: str, code: int, sentence: str, seconds: float) -> GuidedSession:
-        """The session after a command; written to its folder."""
+        """The session after a command."""
         entry = DoneTable(
             name=step.name, arguments=list(step.arguments), folder=folder, exit_code=code, sentence=sentence, seconds=round(seconds, 1)
         )  # fmt: skip
-        after = replace(self, done=(*self.done, entry))
-        after.write()
-        return after
+        return replace(self, done=(*self.done, entry))
 
     def write(self) -> None:
         """Write session.toml; what stood there stays until the new one is whole."""
@@ -109,6 +118,12 @@ def _fine(name: str) -> tuple[int, ...]:
     return (0, 1) if name.split("-")[0] in ("identify", "validate", "diagnose") else (0,)
 
 
+def files_of(cell: Cell, arm: Arm) -> tuple[str, str]:
+    """SHA-256 of the cell's files and of the arm's, meshes included, as a session keeps them."""
+    now = hashes_of(arm, cell)
+    return str(now.cell), hashlib.sha256(f"{arm.sha256} {now.model}".encode()).hexdigest()
+
+
 def read_session(folder: Path) -> GuidedSession:
     """The session of a folder; ConfigError where it is none."""
     file = folder / FILE
@@ -116,7 +131,7 @@ def read_session(folder: Path) -> GuidedSession:
         known = [str(run.folder) for run in runs_and_faults()[0] if run.verb == "go"]
         raise ConfigError(f"{folder}: no session ({FILE} is missing); {nearest(str(folder), known)}")
     table = validated(SessionTable, read_toml(file), file)
-    data = {k: getattr(table, k) for k in ("cell", "cell_sha256", "arm", "quick", "rounds", "closed")}
+    data = {k: getattr(table, k) for k in ("cell", "cell_sha256", "arm_sha256", "arm", "quick", "rounds", "closed")}
     return GuidedSession(folder=folder, **data, done=tuple(table.done))
 
 
@@ -124,7 +139,11 @@ def open_session(cell: Path, configs: Path | None = None) -> GuidedSession | Non
     """The newest session of this cell file that has not been closed."""
     for run in list_runs():
         if run.verb == "go" and (run.folder / FILE).is_file():
-            found = read_session(run.folder)
+            try:
+                found = read_session(run.folder)
+            except ConfigError as error:
+                console.warn(f"{' '.join(str(error).split())}; this session is passed over")
+                continue
             with suppress(ConfigError):  # a cell file that is gone is another one
                 if not found.closed and is_of(found, cell, configs):
                     return found

@@ -178,15 +178,15 @@ def check_plan(plan: Plan, arm: Arm, cell: Cell) -> None:
             f"with {', '.join(arm.joint_names)}; give the plan of this arm"
         )
     now = hashes_of(arm, cell)
-    for key, made, is_now in (
-        ("model", plan.hashes.model, now.model),
-        ("limits", plan.hashes.limits, now.limits),
-        ("cell", plan.hashes.cell or now.cell, now.cell),
-        ("software", plan.hashes.software, now.software),
+    for what, made, is_now in (
+        (f"another model of {arm.name}", plan.hashes.model, now.model),
+        (f"other limits of {arm.name}", plan.hashes.limits, now.limits),
+        (f"another cell file {cell.name}", plan.hashes.cell or now.cell, now.cell),
+        ("another version of arm-calib", plan.hashes.software, now.software),
     ):
         if made != is_now:
             raise SafetyStop(
-                f"{plan.folder}: the plan was made for another {key} ({str(made)[:24]}) than there is now ({str(is_now)[:24]}); "
+                f"{plan.folder}: the plan was made for {what} than now ({str(made)[:24]}, now {str(is_now)[:24]}); "
                 "make it again with `calib plan`"
             )
 

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from calib.claims import capital
-from calib.past_runs import LATEST, newest
+from calib.past_runs import FILE, LATEST, newest
 from calib.run_folder import conclude, new_run
 from calib.terminal import console, options
 
@@ -62,9 +62,10 @@ def command(
     from safety.confirmation import check_yes
     from sim.cell import load_arm_of, load_cell
     from sim.errors import ConfigError
+    from sim.file_lock import is_locked
 
     where = load_cell(cell, configs)
-    load_arm_of(where, configs)
+    files = guided_session.files_of(where, load_arm_of(where, configs))
     if yes:
         check_yes(where)
     if new and session is not None:
@@ -79,11 +80,16 @@ def command(
     if open_one is not None:
         if not guided_session.is_of(open_one, where.path, configs):
             raise ConfigError(f"{open_one.folder}: is a session of {open_one.cell} and not of {cell}; give that cell, or --new")
-        open_one = guided.with_options(guided.with_cell(open_one, where.sha256), quick, rounds)
+        if (open_one.folder / FILE).is_file() and is_locked(open_one.folder / FILE):
+            raise ConfigError(
+                f"{open_one.folder}: this session is open in another terminal; end it there, or begin another with --new"
+            )
+        guided.with_files(open_one, *files)  # which refuses another cell or arm than that of the recordings
+        open_one = guided.with_options(open_one, quick, rounds)
     with redirect_stdout(sys.stderr if as_json else sys.stdout):
         if open_one is None:
             folder = new_run(where.table.arm, "go", None, where)
-            current = guided_session.GuidedSession(folder, cell, where.sha256, where.table.arm, quick, rounds or guided.ROUNDS)
+            current = guided_session.GuidedSession(folder, cell, *files, where.table.arm, quick, rounds or guided.ROUNDS)
             current.write()
             console.say(f"New session in {folder}. Leave with Ctrl-C; `calib go {cell}` continues it.")
         else:
@@ -99,7 +105,7 @@ def command(
     if as_json:
         console.print_json(
             {
-                "schema": "go/1", "folder": current.folder, "closed": current.closed, "steps": [d.model_dump() for d in current.done],
+                "schema": "go/1", "folder": current.folder, "closed": current.closed, "steps": [d.model_dump() for d in current.commands],
                 "arm": guided.best_arm(current) if current.closed else None,
             }
         )  # fmt: skip
@@ -111,7 +117,7 @@ def _run(current: GuidedSession, yes: bool, configs: Path | None) -> tuple[Guide
     from calib import guided
     from calib.report import session as page
 
-    while (step := guided.next_step(current)) is not None:
+    while (step := guided.next_step(current := _up_to_date(current, configs))) is not None:
         if step.question and not yes and not _agreed(step.question):
             return _left(current, step)
         current, code, sentence = _do(current, step, yes, configs)
@@ -142,13 +148,26 @@ def _run(current: GuidedSession, yes: bool, configs: Path | None) -> tuple[Guide
     return current, 0
 
 
+def _up_to_date(current: GuidedSession, configs: Path | None) -> GuidedSession:
+    """The session with the files of its cell and arm looked at anew; written to its folder."""
+    from calib import guided, guided_session
+    from sim.cell import load_arm_of, load_cell
+
+    where = load_cell(current.cell, configs)
+    after = guided.with_files(current, *guided_session.files_of(where, load_arm_of(where, configs)))
+    for mark in after.done[len(current.done) :]:
+        console.say(f"\n{capital(mark.sentence)}: {mark.name} is done again.")
+    after.write()
+    return after
+
+
 def _do(current: GuidedSession, step: GuidedStep, yes: bool, configs: Path | None) -> tuple[GuidedSession, int, str]:
     """Run one command; what it prints is kept in the session's folder, and shown where it failed."""
     from calib.main import start
 
     moves = step.name.split("-")[0] == "record"
     arguments = [*step.arguments, *(("--yes",) if moves and yes else ()), *(("--configs", str(configs)) if configs else ())]
-    number = len(current.done) + 1
+    number = len(current.commands) + 1
     console.say(f"\n{number}. {step.why}")
     console.copyable(f"   $ calib {shlex.join(arguments)}")
     printed, began = io.StringIO(), time.monotonic()
@@ -158,7 +177,9 @@ def _do(current: GuidedSession, step: GuidedStep, yes: bool, configs: Path | Non
     (current.folder / f"{number}-{step.name}.txt").write_text(printed.getvalue(), encoding="utf-8")
     if code not in step.fine:
         console.say(printed.getvalue().rstrip("\n"))
-    return current.with_done(step, step.folder, code, sentence, time.monotonic() - began), code, sentence
+    current = current.with_done(step, step.folder, code, sentence, time.monotonic() - began)
+    current.write()
+    return current, code, sentence
 
 
 def _left(current: GuidedSession, step: GuidedStep, code: int = 0, sentence: str = LEFT) -> tuple[GuidedSession, int]:

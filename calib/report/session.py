@@ -21,30 +21,30 @@ PAGES = ("plan.html", "report.html")
 def write(session: GuidedSession) -> Path:
     """Write the page of a session into its folder; returns its path."""
     # a complete session is what its diagnosis found; an open one is where it stands
-    diagnoses = [d for d in session.done if d.name.startswith("diagnose")] if session.closed else []
-    last = next(reversed(diagnoses or session.done), None)
+    diagnoses = [d for d in session.commands if d.name.startswith("diagnose")] if session.closed else []
+    last = next(reversed(diagnoses or session.commands), None)
     sentence = f"{last.sentence[:1].upper()}{last.sentence[1:]}" if last else "Nothing was done yet"
     verdict = _style(session) if session.closed else "open"
     facts = [
         ("cell", Path(session.cell).stem),
         ("state", "complete" if session.closed else "open"),
-        ("time", f"{sum(d.seconds for d in session.done) / 60:.1f} min"),
+        ("time, questions included", f"{sum(d.seconds for d in session.commands) / 60:.1f} min"),
     ]
     page = Page(session.arm, sentence, verdict, facts, "session")
     page.aside("What to do next", _next(session))
-    looked = [d for d in session.done if d.name.startswith(("diagnose", "validate")) and d.folder]
+    looked = [d for d in session.commands if d.name.startswith(("diagnose", "validate")) and d.folder]
     if looked:
         shown = next((d for d in reversed(looked) if d.name.startswith("diagnose")), looked[-1])
         explorer.copied(
             page.section(f"The residual on held-out motions, from {shown.name}"), session.folder / shown.folder / "report.html"
         )
     page.section("Steps").table(
-        ["step", "result", "exit code", "time [s]"],
-        [[d.name, capital(d.sentence), d.exit_code, d.seconds] for d in session.done],
+        ["step", "result", "exit code", "time, questions included [s]"],
+        [[d.name, capital(d.sentence), d.exit_code, d.seconds] for d in session.commands],
     )
     links = [
         Markup('<li><a href="{0}">{1}</a></li>').format(f"{d.folder}/{name}", f"{d.name}: {name}")
-        for d in session.done
+        for d in session.commands
         for name in PAGES
         if d.folder and (session.folder / d.folder / name).is_file()
     ]

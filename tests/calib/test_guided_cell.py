@@ -1,38 +1,109 @@
-"""A guided session whose cell file or own file was changed meanwhile."""
+"""A guided session whose cell, arm or own file was changed meanwhile."""
 
 from __future__ import annotations
 
+import shutil
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
-from calib.guided_session import GuidedSession, open_session, read_session
+from calib.guided_session import open_session
+from sim.arm import load_arm
 from sim.cell import load_cell
+from sim.file_lock import locked
 from tests.calib.guided_desk import NOTHING, ROUND, Commands, go, session
 
 
-def changed(desk: Path) -> GuidedSession:
-    """The session, as if its cell file had been another one."""
-    file = session(desk).folder / "session.toml"
-    file.write_text(file.read_text().replace('cell_sha256 = "', 'cell_sha256 = "0'))
-    return read_session(file.parent)
+@pytest.fixture
+def edit(desk: Path) -> Callable[[str], None]:
+    """Changes the file of the cell `mine`, or of its arm."""
+    (desk / "configs/cells").mkdir(parents=True)
+    arm = desk / "configs/arms/myarm"
+    shutil.copytree(Path(load_arm("ur10e").model_path).parent, arm)
+    toml = arm / "arm.toml"
+    toml.write_text(toml.read_text().replace('name = "ur10e"', 'name = "myarm"', 1))
+    cell = desk / "configs/cells/mine.toml"
+    text = load_cell("mock-ur10e").path.read_text()
+    cell.write_text(text.replace('name = "mock-ur10e"', 'name = "mine"').replace('arm = "ur10e"', 'arm = "myarm"'))
+
+    def add_comment(what: str) -> None:
+        file = {"cell": cell, "arm": toml}[what]
+        file.write_text(file.read_text() + "# another\n")
+
+    return add_comment
 
 
-def test_a_cell_file_that_changed_is_checked_and_planned_again(desk: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    assert go(Commands([], lambda count, verb: 3 if verb == "record" else 0), monkeypatch, "--yes") == 3
-    changed(desk)
-    commands = Commands([NOTHING])
-    assert go(commands, monkeypatch, "--yes") == 0
-    assert commands.verbs == ROUND
-
-
-def test_recordings_of_another_cell_file_are_another_session(
-    desk: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize("what", ["cell", "arm"])
+def test_what_changed_before_a_recording_is_checked_and_planned_again(
+    what: str, edit: Callable[[str], None], desk: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert go(Commands([], lambda count, verb: 4 if verb == "identify" else 0), monkeypatch, "--yes") == 4
-    changed(desk)
-    assert go(Commands([]), monkeypatch, "--yes") == 2
-    assert "has changed since its recordings were made" in capsys.readouterr().err
+    assert go(Commands([], lambda count, verb: 3 if verb == "record" else 0), monkeypatch, "--yes", cell="mine") == 3
+    edit(what)
+    commands = Commands([NOTHING])
+    assert go(commands, monkeypatch, "--yes", cell="mine") == 0
+    assert commands.verbs == ROUND
+    assert (
+        f"he {'cell file of mine' if what == 'cell' else 'arm myarm'} changed: plan is done again." in capsys.readouterr().out
+    )
+    page = (session(desk).folder / "session.html").read_text(encoding="utf-8")
+    assert "changed" not in page[page.index(">Steps<") :]
+    assert sorted(int(file.name.split("-")[0]) for file in session(desk).folder.glob("*.txt")) == list(range(1, 10))
+
+
+@pytest.mark.parametrize("what", ["cell", "arm"])
+def test_recordings_of_another_cell_or_arm_are_another_session(
+    what: str, edit: Callable[[str], None], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert go(Commands([], lambda count, verb: 4 if verb == "identify" else 0), monkeypatch, "--yes", cell="mine") == 4
+    edit(what)
+    assert go(Commands([]), monkeypatch, "--yes", cell="mine") == 2
+    assert "changed after the recordings were made" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("what", ["cell", "arm"])
+def test_what_changes_while_the_session_waits_for_an_answer_is_its_own(
+    what: str, edit: Callable[[str], None], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The file is corrected at the question of the first recording: what follows is of the file as it is then, and the session goes on."""
+
+    def fail(count: int, verb: str) -> int:
+        if count == 3:
+            edit(what)
+        return 3 if count == 3 else 4 if count == 7 else 0
+
+    first = Commands([], fail)
+    assert go(first, monkeypatch, answers="y\n", cell="mine") == 4
+    assert first.verbs == ["check", "plan", "record", "check", "plan", "record", "identify"]
+    second = Commands([NOTHING])
+    assert go(second, monkeypatch, cell="mine") == 0
+    assert second.verbs == ["identify", "validate", "diagnose"]
+
+
+def test_a_session_that_is_open_elsewhere_is_left_alone(
+    edit: Callable[[str], None], desk: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert go(Commands([], lambda count, verb: 4 if verb == "record" else 0), monkeypatch, "--yes", cell="mine") == 4
+    edit("cell")
+    file = session(desk).folder / "session.toml"
+    before = file.read_bytes()
+    with (file.parent / "run.toml").open("rb+") as stream:
+        locked(stream)
+        assert go(Commands([]), monkeypatch, "--yes", cell="mine") == 2
+    assert file.read_bytes() == before
+    told = capsys.readouterr().err
+    assert "this session is open in another terminal; end it there, or begin another with --new" in told
+    assert "--out" not in told
+
+
+def test_a_session_that_cannot_be_read_is_passed_over(
+    edit: Callable[[str], None], desk: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert go(Commands([], lambda count, verb: 4), monkeypatch, "--yes") == 4
+    file = session(desk).folder / "session.toml"
+    file.write_text(file.read_text().replace("quick = false", "quick = maybe"))
+    assert go(Commands([NOTHING]), monkeypatch, "--yes", cell="mine") == 0
+    assert "this session is passed over" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("change", [("rounds = 2", "rounds = 99"), ("closed = false", "open = true"), ("schema", "scheme")])
@@ -40,7 +111,7 @@ def test_a_damaged_session_is_refused(change: tuple[str, str], desk: Path, monke
     assert go(Commands([], lambda count, verb: 4), monkeypatch, "--yes") == 4
     file = session(desk).folder / "session.toml"
     file.write_text(file.read_text().replace(*change))
-    assert go(Commands([]), monkeypatch, "--yes") == 2
+    assert go(Commands([]), monkeypatch, "--yes", "--session", str(file.parent)) == 2
 
 
 def test_two_cell_files_of_one_name_have_sessions_of_their_own(
