@@ -152,7 +152,8 @@ def main(arguments: list[str] | None = None) -> int:
 
 def start(arguments: list[str]) -> tuple[int, str]:
     """`main`, and the sentence that says how it ended or what it found."""
-    invocation = Invocation(arguments)
+    outer = INVOCATION.get()
+    invocation = Invocation(arguments, is_step=outer is not None and bool(outer.folders))
     token = INVOCATION.set(invocation)
     arguments, wanted = _quiet(arguments)
     quiet = console.QUIET.set(wanted or console.QUIET.get())
@@ -209,7 +210,8 @@ def _run(arguments: list[str], invocation: Invocation) -> tuple[int, str]:
         message = "interrupted; nothing more was done"
         if invocation.folders:
             folder = invocation.folders[0]
-            message += f"; what was begun stands in {folder}, and the same again is `calib runs {folder} --again`"
+            message += f"; what was begun stands in {folder}"
+            message += "" if invocation.is_step else f", and the same again is `calib runs {folder} --again`"
         console.warn(message)
         return 130, "interrupted by the operator"
     except Exception as error:

@@ -32,9 +32,13 @@ SIMULATED = ("mock", "replay")  # drivers with a plant of their own: nothing tha
 
 @dataclass
 class Invocation:
-    """One start of the program: its arguments, the run folders that it made, what it found, and the files that it has locked."""
+    """One start of the program: its arguments, the run folders that it made, what it found, and the files that it has locked.
+
+    is_step: it is one of several commands of another run, which says how that run goes on.
+    """
 
     arguments: list[str]
+    is_step: bool = False
     folders: list[Path] = field(default_factory=list)
     outcome: str = ""
     locks: list[BinaryIO] = field(default_factory=list)

@@ -118,7 +118,7 @@ def _run(current: GuidedSession, yes: bool, configs: Path | None) -> tuple[Guide
     from calib.report import session as page
 
     while (step := guided.next_step(current := _up_to_date(current, configs))) is not None:
-        if step.question and not yes and not _agreed(step.question):
+        if step.question and not yes and _asked(f"\n{step.question} [y/N] ") not in ("y", "yes"):
             return _left(current, step)
         current, code, sentence = _do(current, step, yes, configs)
         page.write(current)
@@ -189,17 +189,17 @@ def _left(current: GuidedSession, step: GuidedStep, code: int = 0, sentence: str
     return current, code
 
 
-def _agreed(question: str) -> bool:
-    return console.ask(f"\n{question} [y/N] ").strip().lower() in ("y", "yes")
+def _asked(question: str) -> str:
+    """The answer in small letters; nobody who answers means leave, and so does Ctrl-C."""
+    try:
+        return console.ask(question).strip().lower()
+    except KeyboardInterrupt:
+        return ""
 
 
 def _again(step: GuidedStep) -> str:
-    """What to do about a step that failed: `y` the same again, `p` plan again; nobody who answers means leave."""
+    """What to do about a step that failed: `y` the same again, `p` plan again."""
     plan = ", p: plan again" if step.name.startswith("record") else ""
-    return (
-        console.ask(
-            f"\n{step.name} did not pass. Put it right, then y: try again{plan}, Enter: leave the session. [y{'/p' * bool(plan)}/N] "
-        )
-        .strip()
-        .lower()
+    return _asked(
+        f"\n{step.name} did not pass. Put it right, then y: try again{plan}, Enter: leave the session. [y{'/p' * bool(plan)}/N] "
     )

@@ -24,7 +24,10 @@ def command(
         str | None,
         typer.Argument(metavar="RUN", help="One run: its folder, part of its name, or `latest`.", autocompletion=_names),
     ] = None,
-    again: Annotated[bool, typer.Option("--again", help="Do RUN again: the same command line in the same directory.")] = False,
+    again: Annotated[
+        bool,
+        typer.Option("--again", help="Do RUN again: the same command line in the same directory; an open session goes on."),
+    ] = False,
     root: Annotated[Path, typer.Option("--runs", metavar="DIR", help="Where the run folders are.")] = RUNS,
     as_json: options.Json = False,
 ) -> int:
@@ -70,10 +73,10 @@ def _repeat(run: Run) -> int:
         )
     from calib.main import main
 
-    before = Path.cwd()
+    before, folder = Path.cwd(), run.folder.resolve()
     try:
         os.chdir(run.directory)
-        arguments = _elsewhere(list(run.arguments))
+        arguments = _continued(_elsewhere(list(run.arguments)), run.verb, folder)
         console.say(f"calib {shlex.join(arguments)}")
         return main(arguments)
     except OSError as error:
@@ -90,6 +93,21 @@ def _elsewhere(arguments: list[str]) -> list[str]:
         elif word.startswith("--out="):
             arguments[k] = f"--out={free_folder(Path(word.removeprefix('--out=')))}"
     return arguments
+
+
+def _continued(arguments: list[str], verb: str, folder: Path) -> list[str]:
+    """The arguments with which an open guided session goes on, instead of another that begins; those of every other run as they are."""
+    from calib import guided_session
+
+    if verb != "go" or not (folder / guided_session.FILE).is_file() or guided_session.read_session(folder).closed:
+        return arguments
+    before = ["", *arguments]
+    kept = [
+        word
+        for word, last in zip(arguments, before, strict=False)
+        if word not in ("--new", "--session") and not word.startswith("--session=") and last != "--session"
+    ]
+    return [*kept, "--session", str(folder)]
 
 
 def _code(run: Run) -> str:

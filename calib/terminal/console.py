@@ -106,7 +106,11 @@ def ask(question: str) -> str:
     text = _wrapped(words, console) + question[len(words) :]
     with _without_bar():
         console.print(text, markup=False, highlight=False, soft_wrap=True, end="")
-        return sys.stdin.readline().rstrip("\n")
+        try:
+            return sys.stdin.readline().rstrip("\n")
+        except KeyboardInterrupt:
+            console.print()  # what follows begins a line of its own
+            raise
 
 
 def table(headers: Sequence[str], rows: Iterable[Sequence[Any]], title: str | None = None) -> None:
