@@ -18,7 +18,7 @@ from safety.monitor import Expected, Monitor, compile_cycle
 from safety.run_progress import Cycle
 from safety.signs import ENDED, HOLDS, STOPS
 from safety.stopping import Stop, stop_from
-from safety.trip import LastSamples, MotionStopped, Standstill, Trip, trip_of
+from safety.trip import STANDING, LastSamples, MotionStopped, Standstill, Trip, trip_of
 from safety.window import Window, mark_gap
 from sim.arm import Arm
 from sim.cell import Cell
@@ -142,7 +142,7 @@ class Guard:
             self._record = None
 
     def hold(self, seconds: float, what: str) -> None:
-        """Stand at the last command for `seconds`, watched as in motion."""
+        """Stand at the last command for `seconds`, watched as in motion; what: when, as "after friction"."""
         self._refuse_after_stop()
         self.monitor.pause()
         self._doing = HOLDS
@@ -150,12 +150,12 @@ class Guard:
             for _ in range(max(1, round(seconds * self._driver.rate))):
                 trip = self._cycle(None, 0, None) or self._check_stop_request()
                 if trip is not None:
-                    self._stop(None, -1, trip, what)
+                    self._stop(None, -1, trip, f"the pause {what}")
                 self._send(self._q_cmd, self._zero)
         except MotionStopped:
             raise
         except BaseException as error:
-            self._stop(None, -1, trip_of(error), what, error)
+            self._stop(None, -1, trip_of(error), f"the pause {what}", error)
 
     def _refuse_after_stop(self) -> None:
         if self._ended is not None:
@@ -205,7 +205,7 @@ class Guard:
         rest = ComingToRest(begin, good.q, self._noise, self._driver.rate)
         standstill: Standstill | None = None
         try:
-            stop = Stop("standing", self._q_cmd[None], self._zero[None], 1.0 / self._driver.rate)
+            stop = Stop(STANDING, self._q_cmd[None], self._zero[None], 1.0 / self._driver.rate)
             if motion is not None and k >= 0:
                 stop = stop_from(motion, k, self._arm)
             standstill = rest.by_commands(stop, self._dq_cmd, self._send, self._read_in_stop)
@@ -216,7 +216,7 @@ class Guard:
         if standstill is None or not standstill.at_rest:
             standstill = rest.by_device(self._driver.device_stop, self._q_cmd, self._dq_cmd, self._read, standstill)
         self._note(trip, begin)
-        where = f"{what}, sample {max(k, 0)}"
+        where = what if motion is None else f"{what}, sample {max(k, 0)}"
         raise MotionStopped(trip, begin.t_device, standstill, self._samples.latest(), where) from cause
 
     def _read_in_stop(self) -> JointState:

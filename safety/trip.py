@@ -8,6 +8,8 @@ from typing import Any
 from sim.errors import CalibError, SafetyStop
 from sim.joint_state import JointState
 
+STANDING = "standing"  # the stop of an arm that did not move
+
 
 @dataclass(frozen=True)
 class Trip:
@@ -45,8 +47,9 @@ class MotionStopped(SafetyStop):
     """A motion that was stopped on the way, with the trip, how the arm came to rest, and the last samples before."""
 
     def __init__(self, trip: Trip, t: float, standstill: Standstill, samples: tuple[JointState, ...], where: str) -> None:
+        by = "" if standstill.stop == STANDING else f"{standstill.stop}, "
         rest = f"standing after {standstill.time:.3f} s" if standstill.at_rest else "NOT seen to stand still: look at the arm"
-        super().__init__(f"stopped in {where} at t={t:.3f} s: {trip} ({standstill.stop}, {rest})")
+        super().__init__(f"stopped in {where} at t={t:.3f} s: {trip} ({by}{rest})")
         self.trip, self.t, self.standstill, self.samples, self.where = trip, t, standstill, samples, where
 
     def __reduce__(self) -> tuple[type[MotionStopped], tuple[Any, ...]]:

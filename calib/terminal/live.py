@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from safety.run_progress import RunProgress
 
 BAR = 9
+BARRED = 58  # characters beside a joint's name with bars and headers; where there is no room for them, the numbers stay
 REDRAW = 0.1
 PLAIN = 5.0
 _FILL = " ▏▎▍▌▋▊▉█"
@@ -144,27 +145,33 @@ class LiveView:
             "" if s.left is None else f" (run {_minutes(s.left)})",
         )
         grid = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0))
-        for header in ("joint", "position rad", "speed", "torque N m", "°C", "error mrad"):
-            grid.add_column(header, justify="left" if header == "joint" else "right", no_wrap=True)
+        barred = self._console.width >= BARRED + max(map(len, self._arm.joint_names))
+        headers = (
+            ("position rad", "speed", "torque N m", "°C", "error mrad") if barred else ("rad", "speed", "N m", "°C", "mrad")
+        )
+        grid.add_column("joint", overflow="ellipsis")  # the one column that gives way
+        for header in headers:
+            grid.add_column(header, justify="right", no_wrap=True)
         for j, joint in enumerate(self._arm.joint_names):
-            grid.add_row(Text(joint), *self._joint(s, j))
+            grid.add_row(Text(joint), *self._joint(s, j, barred))
         lost = (f"{s.lost} lost", "bold red") if s.lost else ("none lost", "")
         disk = "" if s.disk_free is None else f"   disk {s.disk_free / 1e9:.1f} GB free"
         foot = Text.assemble(f"{s.frames} frames, ", lost, disk, f"\n{printable(s.note)}" if s.note else "")
         return Group(head, grid, foot, Text(self._keys_line(), style="reverse"))
 
-    def _joint(self, s: Snapshot, j: int) -> list[Text]:
+    def _joint(self, s: Snapshot, j: int, barred: bool) -> list[Text]:
         arm = self._arm
         place = (s.q[j] - arm.q_min[j]) / (arm.q_max[j] - arm.q_min[j])
         mark = int(np.clip(place, 0, 1) * (BAR - 1)) if np.isfinite(place) else None
-        rail = "".join("●" if k == mark else "─" for k in range(BAR))
+        rail = "".join("●" if k == mark else "─" for k in range(BAR)) + " " if barred else ""
         edge = abs(2 * place - 1)
         speed, load = abs(s.dq[j]) / arm.dq_max[j], abs(s.tau[j]) / arm.tau_max[j]
         error = abs(s.q[j] - s.q_cmd[j])
+        moving, loaded = (f"{_bar(x, 6)} " if barred else "" for x in (speed, load))
         return [
-            Text(f"{rail} {s.q[j]:+6.2f}", style=_style(edge, 0.95)),
-            Text(f"{_bar(speed, 6)} {speed:4.0%}", style=_style(speed)) if np.isfinite(speed) else Text("–"),
-            Text(f"{_bar(load, 6)} {s.tau[j]:+7.1f}", style=_style(load)) if np.isfinite(s.tau[j]) else Text("–"),
+            Text(f"{rail}{s.q[j]:+6.2f}", style=_style(edge, 0.95)),
+            Text(f"{moving}{speed:4.0%}", style=_style(speed)) if np.isfinite(speed) else Text("–"),
+            Text(f"{loaded}{s.tau[j]:+7.1f}", style=_style(load)) if np.isfinite(s.tau[j]) else Text("–"),
             Text(f"{s.temperature[j]:.0f}" if np.isfinite(s.temperature[j]) else "–"),
             Text(f"{1000 * error:.1f}", style=_style(error / self._error_max)) if np.isfinite(error) else Text("–"),
         ]

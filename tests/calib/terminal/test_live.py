@@ -57,6 +57,28 @@ def test_one_screen_of_eighty_columns_holds_everything(arm: Arm) -> None:
     assert "…" not in text
 
 
+@pytest.mark.parametrize("width", [60, 76, 80])
+def test_a_narrow_terminal_drops_bars_and_no_number(arm: Arm, width: int) -> None:
+    s = moment(arm)
+    text, _ = screen(arm, s, width)
+    for j, joint in enumerate(arm.joint_names):
+        (line,) = (line for line in text.splitlines() if line.startswith(joint))
+        assert f"{s.q[j]:+.2f}" in line
+        assert f"{s.tau[j]:+.1f}" in line
+        assert f"{abs(s.dq[j]) / arm.dq_max[j]:.0%}" in line
+        assert line.split()[-1] == f"{1000 * abs(s.q[j] - s.q_cmd[j]):.1f}"
+    assert "…" not in text.split("6000 frames")[0]
+    assert ("─" in text) is (width > 76)
+
+
+def test_the_narrowest_terminal_shortens_the_names_and_no_number(arm: Arm) -> None:
+    s = moment(arm)
+    text, _ = screen(arm, s, 42)
+    lines = [line for line in text.splitlines() if line.endswith(tuple(f"{1000 * abs(e):.1f}" for e in s.q - s.q_cmd))]
+    assert len(lines) == arm.n
+    assert all(f"{q:+.2f}" in line for line, q in zip(lines, s.q, strict=True))
+
+
 @pytest.mark.parametrize("value", [0.11, -0.2])
 def test_what_is_beyond_a_limit_is_red(arm: Arm, value: float) -> None:
     q_cmd = np.full(6, 0.002)
