@@ -17,7 +17,7 @@ from safety.hashes import hashes_of
 from sim.arm import Arm
 from sim.cell import Cell, load_cell
 from sim.errors import ConfigError
-from sim.files import read_toml
+from sim.files import read_toml, write_whole
 from sim.resources import nearest
 from sim.strict import Name, StrictTable, validated
 
@@ -108,9 +108,7 @@ class GuidedSession:
         """Write session.toml; what stood there stays until the new one is whole."""
         data: dict[str, Any] = {k: v for k, v in asdict(self).items() if k not in ("folder", "done")}
         data = {"schema": "session/1", **data, "done": [d.model_dump() for d in self.done]}
-        part = self.folder / f"{FILE}.part"
-        part.write_text(tomli_w.dumps(data), encoding="utf-8")
-        part.replace(self.folder / FILE)
+        write_whole(self.folder / FILE, tomli_w.dumps(data))
 
 
 def _fine(name: str) -> tuple[int, ...]:

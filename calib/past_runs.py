@@ -19,7 +19,7 @@ RUNS = Path("runs")
 
 @dataclass(frozen=True)
 class Run:
-    """A run as its run.toml states it; `exit_code` is None for one that has not ended, `killed` where its program is gone."""
+    """A run as its run.toml states it; `exit_code` is None for one that has not ended, `killed` where its program is gone too: killed, or unable to write."""
 
     folder: Path
     verb: str
@@ -84,14 +84,14 @@ def read_run(reference: str | Path, root: Path = RUNS) -> Run:
 
 
 def _remains(folder: Path) -> str:
-    """What a killed run left behind, as a sentence."""
+    """What a run without a record of its end left behind, as a sentence."""
     from logs.recover import describe
 
     recordings = [file for file in sorted(folder.glob("*.mcap")) if file.is_file()]
     if recordings:
         return "; ".join(f"{file.name}: {describe(file)}" for file in recordings)
     last = max((f.stat().st_mtime for f in folder.iterdir() if f.is_file()), default=0.0)
-    return f"killed after {datetime.fromtimestamp(last, UTC):%H:%M:%S} UTC, when it last wrote a file"
+    return f"ended without a record (killed, or nothing could be written) after {datetime.fromtimestamp(last, UTC):%H:%M:%S} UTC, when it last wrote a file"
 
 
 def list_runs(root: Path = RUNS) -> list[Run]:

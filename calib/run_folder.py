@@ -20,7 +20,7 @@ import tomli_w
 from calib.past_runs import FILE, RUNS, Run, read_run
 from sim.errors import CalibError, ConfigError
 from sim.file_lock import is_locked, lock_device, locked
-from sim.files import is_name, read_toml
+from sim.files import is_name, read_toml, write_whole
 from sim.version import software_version
 
 if TYPE_CHECKING:
@@ -123,9 +123,7 @@ def end_run(folder: Path, exit_code: int, sentence: str) -> None:
     data = read_toml(file)
     ended = datetime.now(UTC).isoformat(timespec="seconds")
     data["end"] = {"exit_code": exit_code, "sentence": sentence, "ended": ended}
-    part = file.with_suffix(".part")  # on a full disk what stood there must stay
-    part.write_text(tomli_w.dumps(data), encoding="utf-8")
-    part.replace(file)
+    write_whole(file, tomli_w.dumps(data))
 
 
 def free_folder(folder: Path) -> Path:

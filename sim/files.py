@@ -91,6 +91,17 @@ def read_toml(file: Path, remedy: str = "correct the file at that place") -> dic
     return toml_table(read_text(file, MAX_TABLE, remedy=remedy), file, remedy)
 
 
+def write_whole(file: Path, text: str) -> None:
+    """Write a file: what stood there stays until the new one is whole, and on a full disk nothing is left beside it; OSError as from writing."""
+    part = file.with_name(f"{file.name}.part")
+    try:
+        part.write_text(text, encoding="utf-8")
+        part.replace(file)
+    except OSError:
+        part.unlink(missing_ok=True)
+        raise
+
+
 def is_name(text: str) -> bool:
     """Whether `text` may name an arm or a cell: [A-Za-z0-9][A-Za-z0-9_.-]{0,63}; such a name is safe as part of a path."""
     return _NAME.fullmatch(text) is not None

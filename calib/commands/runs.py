@@ -112,7 +112,7 @@ def _continued(arguments: list[str], verb: str, folder: Path) -> list[str]:
 
 def _code(run: Run) -> str:
     if run.exit_code is None:
-        return "killed" if run.killed else "not ended"
+        return "no record" if run.killed else "not ended"
     return str(run.exit_code)
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from sim.errors import ConfigError
-from sim.files import checked_label, is_name, printable, read_bytes, read_toml, toml_table
+from sim.files import checked_label, is_name, printable, read_bytes, read_toml, toml_table, write_whole
 
 
 @pytest.mark.parametrize(
@@ -71,3 +71,14 @@ def test_what_is_no_label(label: str) -> None:
 
 def test_control_characters_become_visible() -> None:
     assert printable("a\x1b]0;x\x07b\x9b2J\u202ec\ud800\nd\te ä 漢") == "a\\x1b]0;x\\x07b\\x9b2J\\u202ec\\ud800\nd\te ä 漢"
+
+
+def test_a_file_is_written_whole_or_not_at_all(tmp_path: Path) -> None:
+    file = tmp_path / "a.toml"
+    for text in ("x = 1\n", "x = 2\n"):
+        write_whole(file, text)
+    assert file.read_text() == "x = 2\n"
+    (tmp_path / "taken").mkdir()
+    with pytest.raises(OSError, match="taken"):
+        write_whole(tmp_path / "taken", "x = 3\n")
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["a.toml", "taken"]
