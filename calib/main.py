@@ -23,30 +23,9 @@ from sim.version import software_version
 
 # names on the command line; the module of each in calib.commands has a function `command`, or `app` with subcommands
 COMMANDS = (
-    "demo",
-    "init",
-    "go",
-    "check",
-    "plan",
-    "record",
-    "identify",
-    "validate",
-    "diagnose",
-    "polish",
-    "watch",
-    "fleet",
-    "export",
-    "import",
-    "replay",
-    "report",
-    "runs",
-    "effects",
-    "emulate",
-    "capture",
-    "arm",
-    "servo",
-    "help",
-)
+    "demo", "init", "go", "check", "plan", "record", "identify", "validate", "diagnose", "polish", "watch", "fleet",
+    "export", "import", "replay", "report", "runs", "effects", "emulate", "capture", "arm", "servo", "help",
+)  # fmt: skip
 
 # Matrices here are small: a BLAS with many threads spends two thirds of its processor time waiting for itself.
 ONE_THREAD = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")

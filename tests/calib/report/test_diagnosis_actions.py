@@ -1,6 +1,9 @@
-"""What a diagnosis shows first, and whether its corrected arm is one to go on with."""
+"""What a diagnosis shows first, its exit code, and whether its corrected arm is one to go on with."""
+
+import pytest
 
 from calib.claims.of_diagnosis import is_corrected
+from calib.commands.diagnose import exit_code
 from calib.report import diagnosis
 from tests.calib.report import examples
 
@@ -18,3 +21,26 @@ def test_a_corrected_arm_is_one_that_an_effect_of_the_arm_has_changed() -> None:
     assert not is_corrected(data | {"arm_out": None})
     assert not is_corrected({key: value for key, value in data.items() if key != "arm_out"})
     assert not is_corrected(examples.diagnosis("no_missing_effect")[0])
+
+
+def test_a_refused_correction_is_no_agreement() -> None:
+    """Neither the verdict nor the next steps call a model right whose corrections were all refused."""
+    data = examples.diagnosis("no_missing_effect")[0] | {"refused": ["tilt raises the error of elbow_joint"], "arm_out": None}
+    assert "does not agree" in diagnosis.sentence(data)
+    assert (diagnosis.style(data), exit_code(data)) == ("open", 1)
+    steps = diagnosis.next_steps(data)
+    assert "Look at elbow_joint’s curves in the report, and record the motion again." in steps
+    assert "The arm stays as it was: no corrected arm that was tried is better." in steps
+    assert not any(step.startswith("Nothing to do") for step in steps)
+    data["gap"] = data["gap"] | {"refit": [0.5 * x for x in data["gap"]["before"]]}
+    assert any(step.startswith("Refit the ordinary parameters with calib identify") for step in diagnosis.next_steps(data))
+
+
+@pytest.mark.parametrize(("verdict", "code"), [("effects_found", 1), ("unexplained", 1), ("bad_data", 2)])
+def test_the_exit_code_is_that_of_the_verdict(verdict: str, code: int) -> None:
+    assert exit_code(examples.diagnosis(verdict)[0]) == code
+
+
+def test_changes_since_healthy_recordings_are_no_matter_of_agreement() -> None:
+    data = examples.diagnosis("no_missing_effect")[0] | {"baseline": ["a", "b", "c"], "refused": ["tilt"]}
+    assert (diagnosis.style(data), exit_code(data)) == ("good", 0)
