@@ -205,7 +205,7 @@ def ending(session: GuidedSession) -> list[str]:
         )
     elif doubtful(found):
         sentences.append(
-            f"not decided: what the model of {session.arm} lacks, which does not agree with the recordings. Look at the curves in "
+            f"not decided: what is missing from the model of {session.arm}, which does not agree with the recordings. Look at the curves in "
             f"{last / 'report.html'}, and record the motion again before the arm is used"
         )
     sentences.append(f"the arm to use: {best_arm(session)}")
