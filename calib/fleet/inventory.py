@@ -11,18 +11,21 @@ import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from pathlib import Path
 from typing import Any
 
 import fsspec
+import numpy as np
 from mcap.exceptions import McapError
 from mcap.reader import NonSeekingReader, SeekingReader
 
 from logs.mcap_records import MAGIC, MAX_RECORD
 from logs.schemas import RECORDING
 from sim.errors import BadLog, ConfigError
-from sim.files import is_name, printable
+from sim.files import is_name, open_regular, printable
 
 SUFFIX = ".mcap"
+REMOVE = "put a recording in its place, or remove it"
 MAX_WORD = 500  # characters of what a recording says of itself; six serial numbers are a hundred
 MAX_FOLDER = 120
 LATEST = 4_102_444_800 * 10**9  # ns, 2100: a later time is no time
@@ -107,8 +110,14 @@ def by_arm(recordings: Iterable[Recorded]) -> dict[str, tuple[Recorded, ...]]:
     return {arm_id: tuple(sorted(named[arm_id], key=lambda r: (r.started, r.address))) for arm_id in sorted(named)}
 
 
+def is_local(system: Any) -> bool:
+    """Whether a file system of fsspec is this computer's."""
+    return "file" in np.atleast_1d(system.protocol)
+
+
 def _recorded(system: Any, path: str, address: str, about: dict[str, Any]) -> Recorded:
-    with system.open(path, "rb") as file:
+    # a pipe or a device, which `open` would wait for, is refused
+    with open_regular(Path(path), BadLog, REMOVE) if is_local(system) else system.open(path, "rb") as file:
         if file.read(len(MAGIC)) != MAGIC:
             raise BadLog(f"{address}: is not an MCAP file; import it with `calib import`, which also says whose it is")
         words = _words(file, address)

@@ -7,78 +7,33 @@ import shutil
 import tempfile
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
-from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Any
 
-import fsspec
 import numpy as np
 
 from calib.claims.of_diagnosis import disagrees
 from calib.diagnosis.answer import Diagnosis
 from calib.diagnosis.whole import Whole, diagnose_pieces
-from calib.fleet.inventory import Recorded
 from calib.fleet.job import Answer, ArmStatus, Job, base_row, refusal
+from calib.fleet.opened import Copies, Opened, opened_of, pieces_of
 from calib.fleet.parcel import packed
 from calib.fleet.since import History, histories
-from calib.gate.commands import by_import, require
-from calib.identification.base_fit import survey
+from calib.gate.commands import by_import
 from calib.identification.calibrated import write_calibrated
 from calib.identification.identify import Identification, identify
 from calib.regression.stored import Kept
 from calib.terminal.console import plain
 from calib.validation.validate import Validation, validate
-from logs import Log, Pieces, open_pieces
+from logs import Log
 from sim.errors import AnswerIsNo, BadLog, CalibError, ConfigError
 from sim.version import program_version
 
-APART = ("validation", "holdout")
 ANSWERS: tuple[tuple[type[CalibError], ArmStatus], ...] = (
     (AnswerIsNo, ArmStatus.NO_EXCITATION),
     (BadLog, ArmStatus.BAD_LOGS),
     (ConfigError, ArmStatus.CONFIGURATION),
 )
-
-
-@dataclass
-class Copies:
-    """The recordings as files on this computer, copied into `folder` where they lie elsewhere; `given` holds the copies' addresses."""
-
-    folder: Path
-    given: dict[str, str] = field(default_factory=dict)
-
-    def file(self, address: str, k: str) -> Path:
-        """The recording at an address; its copy has its name, in a new folder `k`."""
-        (self.folder / k).mkdir()
-        system, path = fsspec.core.url_to_fs(address)
-        if "file" in np.atleast_1d(system.protocol):
-            return Path(path)
-        copy = self.folder / k / address.rsplit("/", 1)[-1][-60:]  # a longer name than a file may have
-        try:
-            with system.open(path, "rb") as source, copy.open("wb") as target:
-                shutil.copyfileobj(source, target, 1 << 22)
-        except OSError as error:
-            raise BadLog(f"{address}: cannot be fetched ({error}); see that this worker reaches it") from error
-        self.given[str(copy)] = address
-        return copy
-
-    def sentence(self, error: Exception) -> str:
-        """What is wrong, with the addresses in the place of the copies."""
-        text = str(error)
-        for copy, address in self.given.items():
-            text = text.replace(copy, address)
-        return text
-
-
-@dataclass
-class Opened:
-    """The recordings of the newest session that could be read, the older ones, and those that could not be, with the reason."""
-
-    fitted: Pieces
-    apart: Pieces
-    older: list[Recorded]
-    bad: list[str]
 
 
 def work_packed(job: Job) -> bytes:
@@ -96,7 +51,7 @@ def work(job: Job) -> Answer:
     with tempfile.TemporaryDirectory(prefix="calib-fleet-") as scratch:
         copies = Copies(Path(scratch))
         try:
-            opened = _open(job, copies)
+            opened = opened_of(job, copies)
             bad = opened.bad
             return _answer(job, opened, copies, begin)
         except CalibError as error:
@@ -104,46 +59,6 @@ def work(job: Job) -> Answer:
             return refusal(job, status, by_import(copies.sentence(error), job.arm.name), tuple(bad))
         except Exception as error:  # one arm's defect must not take the other arms' results
             return refusal(job, ArmStatus.FAILED, f"{type(error).__name__}: {copies.sentence(error)}", tuple(bad))
-
-
-def session(recordings: Sequence[Recorded], days: float) -> list[Recorded]:
-    """The recordings from `days` before the newest on; those that do not say when they were made belong to it."""
-    dated = [r for r in recordings if r.started]
-    if not dated:
-        return list(recordings)
-    last = datetime.fromisoformat(max(r.started for r in dated))
-    return [r for r in recordings if not r.started or (last - datetime.fromisoformat(r.started)) / timedelta(days=1) <= days]
-
-
-def _open(job: Job, copies: Copies) -> Opened:
-    newest = session(job.recordings, job.session_days)
-    now: list[tuple[Recorded, Pieces]] = []
-    bad: list[str] = []
-    for k, recording in enumerate(newest):
-        try:
-            now.append((recording, _pieces(job, recording, copies, str(k))))
-        except CalibError as error:
-            bad.append(copies.sentence(error))
-    if not now:
-        raise BadLog("; ".join(bad) or f"{job.arm_id}: there is no recording")
-    apart = Pieces.joined(p for r, p in now if r.motion.startswith(APART))
-    fitted = Pieces.joined(p for r, p in now if not r.motion.startswith(APART))
-    if not len(fitted):
-        fitted, apart = apart, fitted
-    if not len(apart) and len(fitted) >= 3:
-        fitted, apart = fitted.taken(0, len(fitted) - 1), fitted.taken(len(fitted) - 1, len(fitted))
-    return Opened(fitted, apart, [r for r in job.recordings if r not in newest], bad)
-
-
-def _pieces(job: Job, recording: Recorded, copies: Copies, k: str) -> Pieces:
-    path = copies.file(recording.address, k)
-    pieces = open_pieces(path, job.arm.joint_names, copies.folder / k / "unpacked", job.accept_partial)
-    try:
-        require(job.arm, [pieces[k] for k in survey(pieces)])
-    except BadLog as error:
-        name = path.name if str(path) in copies.given else str(path)
-        raise BadLog(by_import(str(error), job.arm.name, name)) from error
-    return pieces
 
 
 def _answer(job: Job, opened: Opened, copies: Copies, begin: float) -> Answer:
@@ -181,7 +96,7 @@ def _histories(job: Job, opened: Opened, named: Diagnosis, copies: Copies) -> li
     def longest() -> Iterator[tuple[str, Log]]:
         for k, recording in enumerate(opened.older):
             try:
-                pieces = _pieces(job, recording, copies, f"older-{k}")
+                pieces = pieces_of(job, recording, copies, f"older-{k}")
                 yield recording.started, pieces[int(np.argmax(pieces.seconds))]
             except CalibError as error:
                 opened.bad.append(copies.sentence(error))

@@ -13,7 +13,7 @@ from pathlib import Path
 from calib.gate.check import LIKELIEST, GateCheck
 from calib.gate.correction import AS_RECORDED, ASSUMED, applied, assumed, parsed
 from calib.gate.gate import gate
-from calib.gate.readings import motion, name_of
+from calib.gate.readings import TWICE, motion, name_of
 from logs.log import Log
 from sim.arm import Arm, load_arm
 from sim.errors import BadLog, ConfigError
@@ -70,7 +70,8 @@ def examined(arm: Arm, logs: Sequence[Log], fitted: Sequence[Log] = ()) -> tuple
         found = gate(arm, logs)
         checks += [check for check in found.checks if check.of_all or not check.ok]
         if found.refusal is not None:
-            return tuple(checks), _message(found.refusal)
+            double = any(check.check == TWICE and not check.ok for check in found.checks)
+            return tuple(checks), _message(found.refusal, unchanged=not double)
     if len(fitted) > 1:
         together = motion(fitted, LEAST_MOTION)
         checks.append(together)
@@ -79,10 +80,12 @@ def examined(arm: Arm, logs: Sequence[Log], fitted: Sequence[Log] = ()) -> tuple
     return tuple(checks), None
 
 
-def _message(refusal: str, log: Log | None = None) -> str:
+def _message(refusal: str, log: Log | None = None, unchanged: bool = True) -> str:
+    """The refusal of a log, or of several together; unchanged: whether reading as recorded is a remedy."""
     name = "these recordings" if log is None else str(log.path or "log")
     own = "" if log is None else f"{name_of(log)}: "  # checks of readings alone begin with it
-    return f"{name}: {refusal.removeprefix(own)}. To use it unchanged: --assume {AS_RECORDED}"
+    text = f"{name}: {refusal.removeprefix(own)}"
+    return f"{text}. To use it unchanged: --assume {AS_RECORDED}" if unchanged else text
 
 
 def by_import(sentence: str, arm: str, file: str = "LOG") -> str:

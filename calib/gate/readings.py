@@ -17,6 +17,7 @@ from logs.log import Log
 from logs.words import finding, wrapped
 from sim.arm import Arm
 
+TWICE = "recordings"  # the check of that name: each is there once
 MOST = 1e9
 FROZEN = 0.5  # s with every reading of a joint the same to the last bit while others move
 OVER_RANGE, OVER_SPEED, OVER_LOAD = 0.2, 2.5, 3.0  # rad beyond the limits; times dq_max; times tau_max
@@ -182,16 +183,16 @@ def motion(logs: Sequence[Log], least: float) -> GateCheck:
 def twice(logs: Sequence[Log]) -> GateCheck:
     """No recording is there twice: its rows would count twice, and as a check of itself it is none."""
     for a, b in itertools.combinations(logs, 2):
-        if len(a) and len(b) and _same(a, b):
+        if len(a) and len(b) and same_samples(a, b):
             cause = Cause(
                 f"{name_of(a)} and {name_of(b)} are the same recording: give it once, and another motion to check with"
             )
-            return GateCheck("recordings", False, f"{name_of(a)} and {name_of(b)} hold the same samples", (cause,), of_all=True)
+            return GateCheck(TWICE, False, f"{name_of(a)} and {name_of(b)} hold the same samples", (cause,), of_all=True)
     detail = f"{len(logs)} recordings, each once" if len(logs) > 1 else "one recording"
-    return GateCheck("recordings", True, detail, of_all=len(logs) > 1)
+    return GateCheck(TWICE, True, detail, of_all=len(logs) > 1)
 
 
-def _same(a: Log, b: Log) -> bool:
+def same_samples(a: Log, b: Log) -> bool:
     """Whether most samples of the shorter one stand in the longer one, position and load, as they are or rounded."""
     short, long = (a, b) if len(a) <= len(b) else (b, a)
     if short.n != long.n:

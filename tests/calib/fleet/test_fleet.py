@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -16,9 +17,10 @@ from calib.fleet.engine import ALLOWED_DEATHS, cluster, results
 from calib.fleet.fleet import Settings, run_fleet
 from calib.fleet.inventory import by_arm, inventory
 from calib.fleet.job import ArmStatus, Job
+from calib.fleet.opened import session
 from calib.fleet.since import History, histories
 from calib.fleet.table import read_table, write_table
-from calib.fleet.task import session, work
+from calib.fleet.task import work
 from logs import Recorder
 from sim.arm import Arm, ArmEffect, load_arm
 from sim.effects import with_effect
@@ -50,6 +52,23 @@ def test_a_recording_that_was_never_finished_still_says_whose_it_is(tmp_path: Pa
     recorder.close()
     assert [r.arm for r in recordings] == ["one"]
     assert unknown == []
+
+
+def test_what_is_no_file_is_listed_without_waiting_for_it(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe.mcap")
+    recordings, unknown = inventory(str(tmp_path))
+    assert recordings == []
+    assert ["not a regular file" in why for _, why in unknown] == [True]
+
+
+def test_a_copy_of_a_recording_counts_once(tmp_path: Path, ur5e: Arm) -> None:
+    file = write_recording(tmp_path / "plant" / "cell" / "a.mcap", ur5e, varied(ur5e, 1), 1)
+    once = run_fleet(inventory(str(tmp_path / "plant")), tmp_path / "once", HERE).rows[0]
+    shutil.copy(file, file.with_name("b.mcap"))
+    twice = run_fleet(inventory(str(tmp_path / "plant")), tmp_path / "twice", HERE).rows[0]
+    assert twice["status"] == "done"
+    assert ["b.mcap: holds the same samples as" in why for why in twice["bad_logs"]] == [True]
+    assert twice["values"] == once["values"]
 
 
 @pytest.mark.parametrize("address", ["nowhere", "nothing://there"])

@@ -12,6 +12,7 @@ import pytest
 from benchmarks.known_truth import fourier_motion, recorded
 from benchmarks.wrong_commands import through
 from benchmarks.wrong_data import Case, base, changes, scaled, within
+from calib.gate.commands import require
 from calib.identification.identify import identify
 from calib.main import main
 from calib.validation.validate import validate
@@ -75,6 +76,13 @@ def test_a_good_log_hides_no_bad_one(tmp_path: Path) -> None:
 
 def recorded_again(of: Arm) -> Log:
     return recorded(of, within(of, fourier_motion(of, 77, 12.0, 100.0)), 5)
+
+
+def test_a_recording_given_twice_is_not_offered_as_recorded() -> None:
+    of, log = base("ur10e sample")
+    with pytest.raises(BadLog, match="hold the same samples") as error:
+        require(of, [log, log])
+    assert "as-recorded" not in str(error.value)
 
 
 def test_what_an_import_assumed_is_assumed_by_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

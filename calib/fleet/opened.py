@@ -1,0 +1,114 @@
+"""An arm's recordings as a worker reads them: fetched where they lie elsewhere, checked, and sorted by what each is for."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from datetime import datetime, timedelta
+from pathlib import Path
+
+import fsspec
+
+from calib.fleet.inventory import Recorded, is_local
+from calib.fleet.job import Job
+from calib.gate.commands import by_import, require
+from calib.gate.readings import same_samples
+from calib.identification.base_fit import survey
+from logs import Pieces, open_pieces
+from sim.errors import BadLog, CalibError
+
+APART = ("validation", "holdout")
+
+
+@dataclass
+class Copies:
+    """The recordings as files on this computer, copied into `folder` where they lie elsewhere; `given` holds the copies' addresses."""
+
+    folder: Path
+    given: dict[str, str] = field(default_factory=dict)
+
+    def file(self, address: str, k: str) -> Path:
+        """The recording at an address; its copy has its name, in a new folder `k`."""
+        (self.folder / k).mkdir()
+        system, path = fsspec.core.url_to_fs(address)
+        if is_local(system):
+            return Path(path)
+        copy = self.folder / k / address.rsplit("/", 1)[-1][-60:]  # a longer name than a file may have
+        try:
+            with system.open(path, "rb") as source, copy.open("wb") as target:
+                shutil.copyfileobj(source, target, 1 << 22)
+        except OSError as error:
+            raise BadLog(f"{address}: cannot be fetched ({error}); see that this worker reaches it") from error
+        self.given[str(copy)] = address
+        return copy
+
+    def sentence(self, error: Exception) -> str:
+        """What is wrong, with the addresses in the place of the copies."""
+        text = str(error)
+        for copy, address in self.given.items():
+            text = text.replace(copy, address)
+        return text
+
+
+@dataclass
+class Opened:
+    """The recordings of the newest session that could be read, the older ones, and those that could not be, with the reason."""
+
+    fitted: Pieces
+    apart: Pieces
+    older: list[Recorded]
+    bad: list[str]
+
+
+def session(recordings: Sequence[Recorded], days: float) -> list[Recorded]:
+    """The recordings from `days` before the newest on; those that do not say when they were made belong to it."""
+    dated = [r for r in recordings if r.started]
+    if not dated:
+        return list(recordings)
+    last = datetime.fromisoformat(max(r.started for r in dated))
+    return [r for r in recordings if not r.started or (last - datetime.fromisoformat(r.started)) / timedelta(days=1) <= days]
+
+
+def opened_of(job: Job, copies: Copies) -> Opened:
+    """The recordings of a job, sorted by what they are for. One that is damaged, or holds the samples of another one, is left out with
+    the reason; BadLog where none is left.
+    """
+    newest = session(job.recordings, job.session_days)
+    now: list[tuple[Recorded, Pieces]] = []
+    bad: list[str] = []
+    for k, recording in enumerate(newest):
+        try:
+            pieces = pieces_of(job, recording, copies, str(k))
+            _require_other(recording, pieces, now)
+            now.append((recording, pieces))
+        except CalibError as error:
+            bad.append(copies.sentence(error))
+    if not now:
+        raise BadLog("; ".join(bad) or f"{job.arm_id}: there is no recording")
+    apart = Pieces.joined(p for r, p in now if r.motion.startswith(APART))
+    fitted = Pieces.joined(p for r, p in now if not r.motion.startswith(APART))
+    if not len(fitted):
+        fitted, apart = apart, fitted
+    if not len(apart) and len(fitted) >= 3:
+        fitted, apart = fitted.taken(0, len(fitted) - 1), fitted.taken(len(fitted) - 1, len(fitted))
+    return Opened(fitted, apart, [r for r in job.recordings if r not in newest], bad)
+
+
+def _require_other(recording: Recorded, pieces: Pieces, before: Sequence[tuple[Recorded, Pieces]]) -> None:
+    """BadLog where a recording holds the samples of one before it, which would count twice; a copy begins where the other one begins."""
+    for other, their in before:
+        if same_samples(pieces[0], their[0]):
+            raise BadLog(f"{recording.address}: holds the same samples as {other.address}, which count once; remove one of the two")
+
+
+def pieces_of(job: Job, recording: Recorded, copies: Copies, k: str) -> Pieces:
+    """The pieces of a recording, which must be readings of the job's arm; k: a new folder among the copies."""
+    path = copies.file(recording.address, k)
+    pieces = open_pieces(path, job.arm.joint_names, copies.folder / k / "unpacked", job.accept_partial)
+    try:
+        require(job.arm, [pieces[k] for k in survey(pieces)])
+    except BadLog as error:
+        name = path.name if str(path) in copies.given else str(path)
+        raise BadLog(by_import(str(error), job.arm.name, name)) from error
+    return pieces
