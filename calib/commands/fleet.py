@@ -31,7 +31,7 @@ def command(
             help="Days before an arm's newest recording that say what it is now; older ones say since when.",
         ),
     ] = 1.0,
-    no_diagnose: Annotated[bool, typer.Option("--no-diagnose", help="Identify and validate only.")] = False,
+    no_diagnose: Annotated[bool, typer.Option("--no-diagnose", help="Identify and validate only; the arms are not compared with their models.")] = False,
     accept_partial: options.AcceptPartial = False,
     out: options.Out = None,
     as_json: options.Json = False,
@@ -40,7 +40,8 @@ def command(
     """Identify, validate and diagnose every arm that has recordings below a folder, and compare the arms of one model.
 
     Writes fleet.parquet, report.html and arms/<arm>/ into DIR, runs/fleet-<folder>/ if not given; called again, it does only
-    what is new there. Exit code 0 where every arm is as its model says, 1 where an arm deviates or could not be assessed.
+    what is new there. Exit code 0 where every arm is as its model says, 1 where an arm deviates or could not be assessed. With
+    --no-diagnose no arm is compared with its model: 0 says only that every arm was identified.
 
     Example:
 
@@ -51,7 +52,7 @@ def command(
     with needing("fleet", "calib fleet"):
         from calib.fleet.fleet import Progress, Settings, run_fleet
         from calib.fleet.inventory import inventory
-        from calib.fleet.summary import arm_rows, deviation_rows, sentence
+        from calib.fleet.summary import arm_rows, deviation_rows, nothing_wrong, sentence
         from calib.report import fleet as page
 
     if scheduler is not None and not scheduler.startswith("tls://"):
@@ -78,8 +79,7 @@ def command(
     outcome = sentence(found)
     conclude(outcome)
     deviating = deviation_rows(found)
-    all_done = all(row["status"] == "done" for row in found.rows)
-    code = 0 if all_done and not deviating and not found.unassigned else 1
+    code = 0 if nothing_wrong(found) else 1
     if as_json:
         answer: dict[str, Any] = {
             "schema": "fleet/1",

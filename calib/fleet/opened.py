@@ -99,7 +99,9 @@ def _require_other(recording: Recorded, pieces: Pieces, before: Sequence[tuple[R
     """BadLog where a recording holds the samples of one before it, which would count twice; a copy begins where the other one begins."""
     for other, their in before:
         if same_samples(pieces[0], their[0]):
-            raise BadLog(f"{recording.address}: holds the same samples as {other.address}, which count once; remove one of the two")
+            raise BadLog(
+                f"{recording.address}: holds the same samples as {other.address}, which count once; remove one of the two"
+            )
 
 
 def pieces_of(job: Job, recording: Recorded, copies: Copies, k: str) -> Pieces:

@@ -18,10 +18,11 @@ def sentence(fleet: Fleet) -> str:
     done = [row for row in rows if row["status"] == "done"]
     deviating = [row for row in done if deviates(row)]
     text = f"{len(done)} of {len(rows)} arms assessed"
-    blind = sum(row.get("verdict") == "not_diagnosed" for row in done)
+    blind = not_diagnosed(fleet)
     none = ", none deviates" if blind < len(done) else ""
     text += f", {len(deviating)} deviate{'s' if len(deviating) == 1 else ''}" if deviating else none
-    text += f"; {blind} not diagnosed" if blind else ""
+    models = "its model" if blind == 1 else "their models"
+    text += f"; {blind} not diagnosed, so not compared with {models}" if blind else ""
     if len(done) < len(rows):
         text += f"; {len(rows) - len(done)} could not be assessed"
     if fleet.unassigned:
@@ -30,6 +31,18 @@ def sentence(fleet: Fleet) -> str:
             f"; {len(fleet.unassigned)} recording{' does' if few else 's do'} not say whose {'it is' if few else 'they are'}"
         )
     return text
+
+
+def not_diagnosed(fleet: Fleet) -> int:
+    """How many arms were identified, and never compared with their models."""
+    return sum(row.get("verdict") == "not_diagnosed" for row in fleet.rows)
+
+
+def nothing_wrong(fleet: Fleet) -> bool:
+    """Whether all that was requested could be done with every recording's arm, and none deviates."""
+    # a diagnosis that was not requested is no failure; one that could not be made is
+    done = all(row["status"] == "done" and not row.get("diagnosis_trouble") for row in fleet.rows)
+    return done and not fleet.unassigned and not any(deviates(row) for row in fleet.rows)
 
 
 def arm_rows(fleet: Fleet) -> list[list[Any]]:

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from calib.fleet.fleet import Fleet, deviates
 from calib.fleet.siblings import OUTLIER
-from calib.fleet.summary import arm_rows, deviation_rows, sentence, trouble_rows
+from calib.fleet.summary import arm_rows, deviation_rows, not_diagnosed, sentence, trouble_rows
 from calib.report import figure
 from calib.report.page import Page, Verdict
 
@@ -22,7 +22,7 @@ def write(path: str | Path, address: str, fleet: Fleet) -> Path:
     """Write the page of a fleet; returns its path."""
     done = [row for row in fleet.rows if row["status"] == "done"]
     deviating, trouble = deviation_rows(fleet), trouble_rows(fleet)
-    verdict: Verdict = "found" if deviating else "open" if trouble or not done else "good"
+    verdict: Verdict = "found" if deviating else "open" if trouble or not done or not_diagnosed(fleet) else "good"
     facts = [
         ("arms", len(fleet.rows)),
         ("models", len({row["model"] for row in fleet.rows})),

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from calib.fleet.fleet import Fleet
-from calib.fleet.summary import deviation_rows, sentence
+from calib.fleet.summary import deviation_rows, nothing_wrong, sentence
 
 GOOD = {"status": "done", "verdict": "no_missing_effect"}
 BLIND = {"status": "done", "verdict": "not_diagnosed"}
@@ -17,11 +17,12 @@ BLIND = {"status": "done", "verdict": "not_diagnosed"}
     ("rows", "text"),
     [
         ([GOOD, GOOD], "2 of 2 arms assessed, none deviates"),
-        ([GOOD, BLIND], "2 of 2 arms assessed, none deviates; 1 not diagnosed"),
-        ([BLIND], "1 of 1 arms assessed; 1 not diagnosed"),
+        ([GOOD, BLIND], "2 of 2 arms assessed, none deviates; 1 not diagnosed, so not compared with its model"),
+        ([BLIND], "1 of 1 arms assessed; 1 not diagnosed, so not compared with its model"),
+        ([BLIND, BLIND], "2 of 2 arms assessed; 2 not diagnosed, so not compared with their models"),
         ([GOOD | {"elsewhere": "coulomb_friction elbow"}], "1 of 1 arms assessed, 1 deviates"),
         ([GOOD, GOOD | {"disagrees": True}], "2 of 2 arms assessed, 1 deviates"),
-        ([GOOD | {"effects": ["payload"]}, BLIND], "2 of 2 arms assessed, 1 deviates; 1 not diagnosed"),
+        ([GOOD | {"effects": ["payload"]}, BLIND], "2 of 2 arms assessed, 1 deviates; 1 not diagnosed, so not compared with its model"),
         ([{"status": "bad_logs"}], "0 of 1 arms assessed; 1 could not be assessed"),
     ],
 )
@@ -32,3 +33,10 @@ def test_a_sentence_of_a_fleet(rows: list[dict[str, Any]], text: str) -> None:
 def test_an_arm_whose_model_does_not_agree_has_a_line_of_its_own() -> None:
     rows = deviation_rows(Fleet([{"arm": "a"} | GOOD, {"arm": "b"} | GOOD | {"disagrees": True}], [], ()))
     assert [row[:2] for row in rows] == [["b", "the model does not agree, and no effect is identified"]]
+
+
+def test_a_diagnosis_that_could_not_be_made_is_a_failure() -> None:
+    assert nothing_wrong(Fleet([GOOD, BLIND | {"diagnosis_trouble": ""}], [], ()))
+    assert not nothing_wrong(Fleet([GOOD, BLIND | {"diagnosis_trouble": "a.mcap: too short"}], [], ()))
+    assert not nothing_wrong(Fleet([GOOD | {"effects": ["payload"]}], [], ()))
+    assert not nothing_wrong(Fleet([GOOD], [("a.mcap", "does not say of which arm it is")], ()))
