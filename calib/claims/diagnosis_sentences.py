@@ -161,7 +161,9 @@ def words(effect: str, joint: str | None) -> str:
 
 
 def quantity(parameter: Numbers) -> str:
-    """value +- std unit, with as many digits as the standard deviation allows."""
+    """value +- std unit, with as many digits as the standard deviation allows; that it is not identifiable, and what it is held at, where it is not."""
+    if parameter.get("identifiable") is False:
+        return f"not identifiable, held at {rounded(float(parameter['value']), None, str(parameter.get('unit', '')))}"
     return rounded(float(parameter["value"]), parameter.get("std"), str(parameter.get("unit", "")))
 
 

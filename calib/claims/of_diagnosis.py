@@ -104,7 +104,11 @@ def _held(effects: Sequence[Mapping[str, Any]]) -> list[Claim]:
     """Per effect the parameters that the corrected arm holds more than a standard deviation away from what was fitted."""
     out = []
     for e in effects:
-        apart = {k: p for k, p in e["parameters"].items() if "written" in p and abs(p["written"] - p["value"]) > p["std"] > 0}
+        apart = {
+            k: p
+            for k, p in e["parameters"].items()
+            if "written" in p and abs(p["written"] - p["value"]) > (p["std"] or 0.0) > 0
+        }
         if apart:
             parameters = [{"name": k, "value": p["written"], "unit": p["unit"]} for k, p in apart.items()]
             out.append(Claim("held", {"effect": e["effect"], "joint": e["joint"], "parameters": parameters}))

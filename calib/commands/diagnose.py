@@ -90,7 +90,7 @@ def command(
         console.print_json(answer)
         return code
     rows = [
-        [e["effect"], e["joint"] or "whole arm", name, quantity(p), quantity(p | {"value": p["nominal"], "std": None})
+        [e["effect"], e["joint"] or "whole arm", name, quantity(p), quantity({"value": p["nominal"], "unit": p["unit"]})
          if p["nominal"] is not None else None, f"{e['confidence']:.0%}"]
         for e in answer["effects"]
         for name, p in e["parameters"].items()

@@ -31,7 +31,9 @@ def command(
             help="Days before an arm's newest recording that say what it is now; older ones say since when.",
         ),
     ] = 1.0,
-    no_diagnose: Annotated[bool, typer.Option("--no-diagnose", help="Identify and validate only; the arms are not compared with their models.")] = False,
+    no_diagnose: Annotated[
+        bool, typer.Option("--no-diagnose", help="Identify and validate only; the arms are not compared with their models.")
+    ] = False,
     accept_partial: options.AcceptPartial = False,
     out: options.Out = None,
     as_json: options.Json = False,

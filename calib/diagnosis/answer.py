@@ -15,13 +15,14 @@ from calib.claims.of_diagnosis import claims
 from calib.diagnosis.candidates import Key
 from calib.diagnosis.corrected import ArmChange
 from calib.diagnosis.hypothesis import CONTACT
-from calib.diagnosis.parameters import nominal_values
+from calib.diagnosis.parameters import nominal_values, seen
 from calib.diagnosis.scoring import Scored
 from calib.diagnosis.selection import SearchResult
 from calib.gate import GateCheck
 from sim.arm import Arm, ArmEffect
 from sim.arm_folder import write_arm
 from sim.effects import driven_by, effect_named
+from sim.effects.effect import Parameter
 
 
 @dataclass
@@ -83,6 +84,13 @@ def answer(
     }
 
 
+def deviation(p: Parameter, value: float, std: float, by_law: float) -> dict[str, Any]:
+    """The standard deviation of a parameter and, in it, the part of its law; none where the recordings do not show it."""
+    if not seen(p, value, std):
+        return {"std": None, "identifiable": False}
+    return {"std": float(np.hypot(np.nan_to_num(std), by_law)), **({"std_by_law": by_law} if by_law else {})}
+
+
 def entry(
     arm: Arm,
     item: ArmEffect,
@@ -106,8 +114,7 @@ def entry(
         "parameters": {
             p.name: {
                 "value": float(item.parameters[p.name]),
-                "std": float(np.hypot(np.nan_to_num(std[p.name], posinf=0.0), by_law.get(p.name, 0.0))),
-                **({"std_by_law": by_law[p.name]} if by_law.get(p.name) else {}),
+                **deviation(p, item.parameters[p.name], std[p.name], by_law.get(p.name, 0.0)),
                 **({"written": float(written.parameters[p.name])} if written else {}),
                 "nominal": nominal[p.name],
                 "unit": p.unit,

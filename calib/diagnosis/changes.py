@@ -78,7 +78,7 @@ def diagnose_changes(
     result["gap"]["held_out"] = bool(apart)
     result |= {"question": "what has changed since the healthy recordings", "baseline": [m.name for m in healthy]}
     lasting = [c for c in found.changes if c.effect.effect != CONTACT]
-    correction = ArmChange({}, tuple(replace(c.effect, std=finite(c.std)) for c in lasting)) if lasting else None
+    correction = ArmChange({}, tuple(replace(c.effect, std=finite(c.effect, c.std)) for c in lasting)) if lasting else None
     if correction is not None:
         used = np.concatenate([m.row_usable[m.row_moving] for m in shown])
         before, with_it = (torque_rms(a, shown, used) for a in (arm, correction.of(arm)))

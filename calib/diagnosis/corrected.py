@@ -14,8 +14,9 @@ from calib.diagnosis.fit import Fit
 from calib.diagnosis.hypothesis import CONTACT, Hypothesis
 from calib.diagnosis.link_side import centre_size
 from calib.diagnosis.nuisance import ROTOR_TOGETHER, spreads
+from calib.diagnosis.parameters import seen
 from sim.arm import Arm, ArmEffect
-from sim.effects import with_effect
+from sim.effects import effect_named, with_effect
 from sim.effects.gear_ripple import GearRipple
 from sim.effects.presliding_friction import built_up
 from sim.slip import SLIP_WIDTH
@@ -64,7 +65,7 @@ def correction(f: Fit, limits: Sequence[ArmEffect] = (), joints: Collection[int]
     moving = start.joint_names if joints is None else [start.joint_names[j] for j in joints]
     links = [(i, joint) for i, joint in enumerate(start.joint_names) if joints is None and joint not in taken]
     inertials = {joint: _inertial(start, i, theta) for i, joint in links}
-    effects = [replace(e, parameters=_moved(e, start, theta), std=finite(s)) for e, s in named]
+    effects = [replace(e, parameters=_moved(e, start, theta), std=finite(e, s)) for e, s in named]
     have = {e.key for e, _ in named}
     effects += [
         replace(e, parameters=_moved(e, start, theta)) if e.joint in moving else e
@@ -78,7 +79,7 @@ def correction(f: Fit, limits: Sequence[ArmEffect] = (), joints: Collection[int]
 def names_alone(f: Fit, limits: Sequence[ArmEffect] = ()) -> ArmChange:
     """The accepted effects, and nothing else of the fit; a contact is no property of the arm."""
     named = [
-        replace(e, parameters={k: float(v) for k, v in e.parameters.items()}, std=finite(s))
+        replace(e, parameters={k: float(v) for k, v in e.parameters.items()}, std=finite(e, s))
         for e, s in zip(f.accepted, f.std(), strict=True)
         if e.effect != CONTACT
     ]
@@ -133,6 +134,7 @@ def _moved(item: ArmEffect, arm: Arm, theta: dict[str, float]) -> dict[str, floa
     return {name: float(value + change if item.effect == "torque_offset" else max(0.0, value + change))}
 
 
-def finite(std: dict[str, float]) -> dict[str, float]:
+def finite(item: ArmEffect, std: dict[str, float]) -> dict[str, float]:
     """The standard deviations that an arm's file can hold."""
-    return {k: v for k, v in std.items() if np.isfinite(v) and v > 0}
+    own = {p.name: p for p in effect_named(item.effect).parameters}
+    return {k: v for k, v in std.items() if np.isfinite(v) and v > 0 and seen(own[k], item.parameters[k], v)}

@@ -42,12 +42,12 @@ class Fit:
         return self.hypothesis.accepted
 
     def std(self) -> list[dict[str, float]]:
-        """Standard deviation of every parameter of every accepted effect, 0 where it was chosen and not fitted."""
+        """Standard deviation of every parameter of every accepted effect, 0 where it was chosen and not fitted, infinite where no row shows it."""
         deviation = np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
         out = [dict.fromkeys(e.parameters, 0.0) for e in self.accepted]
         for (i, p), s in zip(parameters_of(self.accepted), deviation, strict=True):
             value = self.accepted[i].parameters[p.name]
-            out[i][p.name] = float(s * abs(value)) if logarithmic(p) else float(s)
+            out[i][p.name] = float(s * abs(value) if logarithmic(p) else s) or np.inf
         for item, std in zip(self.accepted, out, strict=True):
             one = self.hypothesis.observed.get(item.key)
             if one is not None:

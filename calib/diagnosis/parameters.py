@@ -38,6 +38,16 @@ def logarithmic(p: Parameter) -> bool:
     return p.zero is None and p.lower > 0
 
 
+def seen(p: Parameter, value: float, std: float) -> bool:
+    """Whether more is known of a parameter than its bounds say: its standard deviation is below that of a uniform distribution over them.
+
+    A logarithm's where it is fitted as one. NaN, a deviation that was not computed, says nothing against it.
+    """
+    if logarithmic(p):
+        return not std / abs(value) >= np.log(p.upper / p.lower) / np.sqrt(12.0)
+    return not std >= (p.upper - p.lower) / np.sqrt(12.0)
+
+
 def within(item: ArmEffect) -> bool:
     """Whether every parameter is finite and inside its physical bounds."""
     bounds = {p.name: p for p in effect_named(item.effect).parameters}

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calib.diagnosis.answer import Diagnosis
+from calib.diagnosis.answer import Diagnosis, deviation
 from calib.diagnosis.candidates import Key
 from calib.diagnosis.corrected import correction
 from calib.diagnosis.diagnose import diagnose
@@ -29,6 +29,7 @@ from calib.regression.stored import Kept, digest_of
 from logs.log import Log
 from logs.pieces import Pieces
 from sim.arm import Arm
+from sim.effects import effect_named
 
 SEARCHED_SECONDS = 300.0
 
@@ -199,13 +200,11 @@ def _entry(entry: dict, values: dict) -> dict:  # type: ignore[type-arg]
     if item is None:
         return entry
     effect, std = item
+    own = {p.name: p for p in effect_named(effect.effect).parameters}
     parameters = {
-        name: p
-        | {
-            "value": float(effect.parameters[name]),
-            "std": float(np.hypot(np.nan_to_num(std[name], posinf=0.0), p.get("std_by_law", 0.0))),
-            "written": float(effect.parameters[name]),
-        }
+        name: {k: v for k, v in p.items() if k not in ("std_by_law", "identifiable")}
+        | {"value": float(effect.parameters[name]), "written": float(effect.parameters[name])}
+        | deviation(own[name], effect.parameters[name], std[name], p.get("std_by_law", 0.0))
         for name, p in entry["parameters"].items()
     }
     return entry | {"parameters": parameters}

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from calib.claims.diagnosis_sentences import quantity
 from calib.fleet.fleet import Fleet, deviates
 from calib.fleet.job import ArmStatus
 from calib.fleet.siblings import OUTLIER
@@ -61,7 +62,7 @@ def deviation_rows(fleet: Fleet) -> list[list[Any]]:
     out = []
     for row in fleet.rows:
         for e in row.get("effects") or ():
-            size = ", ".join(f"{p['name']} {p['value']:.3g} {unit(p['unit'])}".strip() for p in e["parameters"])
+            size = ", ".join(f"{p['name'].replace('_', ' ')} {quantity(p)}" for p in e["parameters"])
             out.append([row["arm"], e["effect"].replace("_", " "), e["joint"] or "whole arm", size, since(e)])
         out += [[row["arm"], "something without a name", joint, "", ""] for joint in row.get("unexplained") or ()]
         if row.get("disagrees"):
@@ -96,11 +97,6 @@ def since(effect: Mapping[str, Any]) -> str:
     if not when:
         return "not seen alone"
     return f"since {when}" if effect["began"] else f"in every recording from {when} on"
-
-
-def unit(text: str) -> str:
-    """A unit as people write it."""
-    return "" if text == "1" else text.replace("*", " ")
 
 
 def _worst(row: Mapping[str, Any]) -> str:

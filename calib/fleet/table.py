@@ -13,7 +13,9 @@ from calib.fleet.job import SCHEMA
 from sim.version import software_version
 
 _WORDS, _NUMBERS = pa.list_(pa.string()), pa.list_(pa.float64())
-_PARAMETER = pa.struct([("name", pa.string()), ("value", pa.float64()), ("std", pa.float64()), ("unit", pa.string())])
+_PARAMETER = pa.struct(
+    [("name", pa.string()), ("value", pa.float64()), ("std", pa.float64()), ("identifiable", pa.bool_()), ("unit", pa.string())]
+)
 _EFFECT = pa.struct(
     [
         ("effect", pa.string()), ("joint", pa.string()), ("parameters", pa.list_(_PARAMETER)), ("confidence", pa.float64()),

@@ -146,7 +146,8 @@ def _diagnosed(named: Diagnosis | None, whole: Whole, past: Sequence[History], t
             {
                 **{key: e[key] for key in ("effect", "joint", "confidence", "gap_share")},
                 "parameters": [
-                    {"name": k, "value": p["value"], "std": p["std"], "unit": p["unit"]} for k, p in e["parameters"].items()
+                    {"name": k, "identifiable": p.get("identifiable", True)} | {x: p[x] for x in ("value", "std", "unit")}
+                    for k, p in e["parameters"].items()
                 ],
                 "since": history.since if history else "",
                 "began": bool(history and history.began),

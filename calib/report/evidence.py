@@ -19,7 +19,7 @@ def add_evidence(page: Page, diagnosis: Mapping[str, Any], evidence: Mapping[str
         parameters = [(e, k, p) for e in effects for k, p in e["parameters"].items()]
         apart = any(_written(p) != pair(p["value"], p.get("std"))[0] for _, _, p in parameters if "written" in p)
         rows = [
-            [words(e["effect"], None), e.get("joint") or "whole arm", _symbol(k), *pair(p["value"], p.get("std")),
+            [words(e["effect"], None), e.get("joint") or "whole arm", _symbol(k), *_value(p),
              *([_written(p)] if apart else []), p.get("nominal"), unit_of(p.get("unit", "")), f"{e['gap_share']:.0%}", f"{e['confidence']:.0%}"]
             for e, k, p in parameters
         ]  # fmt: skip
@@ -142,6 +142,12 @@ def _thousandths(errors: Sequence[float | None]) -> float | str:
 
 def _symbol(parameter: str) -> str:
     return parameter.replace("_", " ")
+
+
+def _value(parameter: Mapping[str, Any]) -> tuple[float | None, float | str | None]:
+    """What was fitted and its standard deviation, for two columns."""
+    value, std = pair(parameter["value"], parameter.get("std"))
+    return value, "not identifiable" if parameter.get("identifiable") is False else std
 
 
 def _written(parameter: Mapping[str, Any]) -> float | None:

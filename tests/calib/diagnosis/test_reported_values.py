@@ -8,6 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from calib.claims.diagnosis_sentences import missing, quantity
+from calib.diagnosis.answer import entry
+from calib.diagnosis.corrected import finite
 from calib.diagnosis.diagnose import diagnose
 from sim.arm import Arm, ArmEffect, load_arm
 from sim.effects import with_effect
@@ -47,3 +50,24 @@ def test_of_an_effect_of_the_whole_arm_the_report_and_the_arm_folder_hold_one_nu
     for name, x in e["parameters"].items():
         assert own.parameters[name] == pytest.approx(x["value"], rel=1e-9)
         assert np.hypot(own.std[name], x["std_by_law"]) == pytest.approx(x["std"], rel=1e-9)
+
+
+@pytest.mark.parametrize("std", [np.inf, 1e12, 0.6])
+def test_a_number_that_no_recording_shows_has_no_deviation(ur10e: Arm, std: float) -> None:
+    item = ArmEffect("payload", None, {"mass": 0.8, "com_x": 0.0, "com_y": 0.01, "com_z": 0.0})
+    made = entry(ur10e, item, {"mass": 0.1, "com_x": 0.02, "com_y": 0.0, "com_z": std}, 0.9, 1.0)
+    com = made["parameters"]["com_z"]
+    assert (com["std"], com["identifiable"]) == (None, False)
+    assert quantity(com) == "not identifiable, held at 0 m"
+    assert finite(item, {"mass": 0.1, "com_z": std}) == {"mass": 0.1}
+    for name in ("mass", "com_x", "com_y"):
+        assert "identifiable" not in made["parameters"][name]
+    assert "com z not identifiable, held at 0 m" in missing({"effects": [made]})
+
+
+def test_a_scale_is_known_where_its_logarithm_is(ur10e: Arm) -> None:
+    item = ArmEffect("joint_elasticity", ur10e.joint_names[0], {"stiffness": 9e6})
+    (stiff,) = entry(ur10e, item, {"stiffness": 8e6}, 0.9, 1.0)["parameters"].values()
+    assert stiff["std"] == 8e6
+    (unknown,) = entry(ur10e, item, {"stiffness": 9e7}, 0.9, 1.0)["parameters"].values()
+    assert unknown["std"] is None

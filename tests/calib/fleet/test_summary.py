@@ -22,7 +22,10 @@ BLIND = {"status": "done", "verdict": "not_diagnosed"}
         ([BLIND, BLIND], "2 of 2 arms assessed; 2 not diagnosed, so not compared with their models"),
         ([GOOD | {"elsewhere": "coulomb_friction elbow"}], "1 of 1 arms assessed, 1 deviates"),
         ([GOOD, GOOD | {"disagrees": True}], "2 of 2 arms assessed, 1 deviates"),
-        ([GOOD | {"effects": ["payload"]}, BLIND], "2 of 2 arms assessed, 1 deviates; 1 not diagnosed, so not compared with its model"),
+        (
+            [GOOD | {"effects": ["payload"]}, BLIND],
+            "2 of 2 arms assessed, 1 deviates; 1 not diagnosed, so not compared with its model",
+        ),
         ([{"status": "bad_logs"}], "0 of 1 arms assessed; 1 could not be assessed"),
     ],
 )
@@ -40,3 +43,11 @@ def test_a_diagnosis_that_could_not_be_made_is_a_failure() -> None:
     assert not nothing_wrong(Fleet([GOOD, BLIND | {"diagnosis_trouble": "a.mcap: too short"}], [], ()))
     assert not nothing_wrong(Fleet([GOOD | {"effects": ["payload"]}], [], ()))
     assert not nothing_wrong(Fleet([GOOD], [("a.mcap", "does not say of which arm it is")], ()))
+
+
+def test_how_large_a_deviation_is_has_its_uncertainty() -> None:
+    mass = {"name": "mass", "value": 0.83825, "std": 0.127, "identifiable": True, "unit": "kg"}
+    com = {"name": "com_z", "value": 0.0, "std": None, "identifiable": False, "unit": "m"}
+    effect = {"effect": "payload", "joint": None, "parameters": [mass, com], "since": "", "began": False}
+    ((_, what, joint, size, _),) = deviation_rows(Fleet([GOOD | {"arm": "a", "effects": [effect]}], [], ()))
+    assert (what, joint, size) == ("payload", "whole arm", "mass 0.84 ± 0.13 kg, com z not identifiable, held at 0 m")
