@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 from mcap.writer import Writer
@@ -71,14 +72,16 @@ def table_of(source: Path) -> Table | None:
 
 def import_recording(
     source: str | Path, target: str | Path, columns: ColumnMap | None = None, change: Callable[[Log], Log] | None = None,
-    joint_names: Sequence[str] | None = None,
+    joint_names: Sequence[str] | None = None, arm: Mapping[str, str] = MappingProxyType({}),
 ) -> Imported:  # fmt: skip
     """Write what survives of `source` to the new file `target`; BadLog where nothing does.
 
     The file is clean if the source was whole, and aborted otherwise: identification then refuses it unless --accept-partial is given. A journal is
     copied message by message; anything else is read into a Log, in which joints, times and values are checked, and written again. A table
-    needs the meaning of its `columns`; of anything else `joint_names` asks for these joints (`read_log`). `change` may refuse the log (raise) or read it another way before it is written. Where the source has one clock only and its stamps jitter, the instants are rebuilt and the
-    stamps kept as those of the host (`logs.sampling`); samples that repeat the one before are left out. Both are reported.
+    needs the meaning of its `columns`; of anything else `joint_names` asks for these joints (`read_log`). `change` may refuse the log (raise) or read
+    it another way before it is written. `arm` is written down where the recording does not say of which arm it is. Where the source has one clock only and its
+    stamps jitter, the instants are rebuilt and the stamps kept as those of the host (`logs.sampling`); samples that repeat the one before are left
+    out. Both are reported.
     """
     source, target = Path(source), Path(target)
     if target.exists():
@@ -101,6 +104,7 @@ def import_recording(
     log, sampling = (log, sampling_of(log)) if journal else _resampled(_without_duplicates(read))
     words = {"end_reason": reason, "imported_from": source.name, "imported_by": software_version()}
     words["sampling"] = json.dumps(list(sampling.findings), ensure_ascii=False)
+    words |= {} if log.metadata.get("arm") else arm
     if log.findings:
         words["findings"] = json.dumps(log.findings, ensure_ascii=False)
     if journal:
@@ -168,6 +172,9 @@ def write_log(log: Log, target: Path, state: str, words: dict[str, str]) -> None
         numbers = {kind: writer.register_schema(kind, "ros2msg", text.encode()) for kind, text in SCHEMAS.items()}
         for topic, kind in TOPICS.items():
             writer.register_channel(topic, "cdr", numbers[kind], UNITS[topic])
+        own = {key: value for key, value in log.metadata.items() if not key.startswith(f"{DEVICE_CLOCK}.")}
+        about = own | words | {"state": state, "samples": str(len(log)), "joint_names": json.dumps(log.joint_names)}
+        writer.add_metadata(RECORDING, about if has_host else about | NO_HOST_CLOCK)  # first: a file cut short still says it
         for k, (stamp, host) in enumerate(zip(stamps.tolist(), hosts.tolist(), strict=True)):
             for topic, arrays in sources:
                 data = encoder.body(stamp, [np.ascontiguousarray(array[k]) for array in arrays])
@@ -178,9 +185,6 @@ def write_log(log: Log, target: Path, state: str, words: dict[str, str]) -> None
             writer.add_message(channels[EVENTS], int(hosts[-1]), data, stamp, k)
         if offset:
             writer.add_metadata(DEVICE_CLOCK, {"offset_ns": str(offset)})
-        own = {key: value for key, value in log.metadata.items() if not key.startswith(f"{DEVICE_CLOCK}.")}
-        about = own | words | {"state": state, "samples": str(len(log)), "joint_names": json.dumps(log.joint_names)}
-        writer.add_metadata(RECORDING, about if has_host else about | NO_HOST_CLOCK)
         add_clock_fit(writer, fit_clocks(log.t, log.t_host))
         return {channels[topic]: len(log) for topic, _ in sources} | {channels[EVENTS]: len(log.events)}
 

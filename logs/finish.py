@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from datetime import UTC, datetime
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -35,7 +36,13 @@ def finish(journal: Path, state: str, words: dict[str, str], target: Path | None
             stream = McapStream(file, journal.stat().st_size, damage, attachments={})
             numbers: dict[int, int] = {}
             clocks: list[np.ndarray] = []
-            for batch in stream.batches():
+            batches = stream.batches()
+            first = next(
+                batches, None
+            )  # a journal begins with what it says of itself, and so does the file: cut short, it still says it
+            own = {key: value for key, value in stream.metadata.pop(RECORDING, {}).items() if key not in ("ring", "boot")}
+            writer.add_metadata(RECORDING, own | words | {"state": state})
+            for batch in [] if first is None else chain([first], batches):
                 heads = batch.heads
                 states = [number for number, channel in stream.channels.items() if channel.topic == STATES]
                 clocks.append(heads[["publish", "log"]][np.isin(heads["channel"], states)])
@@ -51,8 +58,7 @@ def finish(journal: Path, state: str, words: dict[str, str], target: Path | None
             for item in (stream.attachments or {}).values():
                 writer.add_attachment(item.create_time, item.log_time, item.name, item.media_type, item.data)
             for name, record in stream.metadata.items():
-                own = {key: value for key, value in record.items() if name != RECORDING or key not in ("ring", "boot")}
-                writer.add_metadata(name, own | ({**words, "state": state} if name == RECORDING else {}))
+                writer.add_metadata(name, record)
             add_clock_fit(writer, _fit(clocks))
             if stream.unsealed:
                 damage.note(f"the last {stream.unsealed} bytes are an incomplete sample and are left out")

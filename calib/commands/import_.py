@@ -33,7 +33,7 @@ def command(
         typer.Option(
             "--arm",
             metavar="ARM",
-            help="Also check that the readings are this arm's, and estimate the delay of the torque channel.",
+            help="Also check that the readings are this arm's, write down whose they are, and estimate the torque channel's delay.",
             autocompletion=options.arm_names,
         ),
     ] = None,
@@ -129,7 +129,9 @@ def command(
     if model is not None:
         change = passed(model, tuple(words), configs)
     with console.progress(f"import {file.name}"):
-        done = import_recording(file, folder / f"{file.stem}.mcap", chosen, change, model.joint_names if model else None)
+        target = folder / f"{file.stem}.mcap"
+        whose = {"arm": model.name, "arm_sha256": model.sha256} if model else {}
+        done = import_recording(file, target, chosen, change, model.joint_names if model else None, whose)
         if chosen is not None:
             (folder / MAP).write_text(chosen.text(), encoding="utf-8")
         delay, no_delay = None, ""

@@ -25,6 +25,7 @@ from sim.errors import BadLog, ConfigError
 from sim.files import is_name, open_regular, printable
 
 SUFFIX = ".mcap"
+IMPORT = "import it with `calib import FILE --arm ARM`, which writes the arm down, and put the new file in its place"
 REMOVE = "put a recording in its place, or remove it"
 MAX_WORD = 500  # characters of what a recording says of itself; six serial numbers are a hundred
 MAX_FOLDER = 120
@@ -119,10 +120,10 @@ def _recorded(system: Any, path: str, address: str, about: dict[str, Any]) -> Re
     # a pipe or a device, which `open` would wait for, is refused
     with open_regular(Path(path), BadLog, REMOVE) if is_local(system) else system.open(path, "rb") as file:
         if file.read(len(MAGIC)) != MAGIC:
-            raise BadLog(f"{address}: is not an MCAP file; import it with `calib import`, which also says whose it is")
+            raise BadLog(f"{address}: is not an MCAP file; {IMPORT}, or remove it")
         words = _words(file, address)
     if not words.get("arm"):
-        raise BadLog(f"{address}: does not say of which arm it is; record with `calib record`, which writes that down")
+        raise BadLog(f"{address}: does not say of which arm it is; {IMPORT}")
     for key in ("arm", "arm_sha256", "cell", "serial", "motion"):
         if len(words.get(key, "")) > MAX_WORD or printable(words.get(key, "")) != words.get(key, ""):
             raise BadLog(f"{address}: its {key} is longer than {MAX_WORD} characters or cannot be printed; record it again")
@@ -161,5 +162,5 @@ def _words(file: Any, address: str) -> dict[str, str]:
         except (McapError, ValueError, EOFError, StopIteration, RuntimeError) as error:
             fault = error
     raise BadLog(
-        f"{address}: its metadata cannot be read ({type(fault).__name__}: {fault}), so nothing says of which arm it is; recover it with `calib import`"
+        f"{address}: its metadata cannot be read ({type(fault).__name__}: {fault}), so nothing says of which arm it is; {IMPORT}"
     )

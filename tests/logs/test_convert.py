@@ -48,6 +48,14 @@ def test_damaged_rows_leave_an_aborted_log_that_says_so(tmp_path, csv_text):
         read_log(done.path)
 
 
+def test_an_import_writes_down_the_arm_where_the_recording_does_not(tmp_path, csv_text):
+    (tmp_path / "a.csv").write_text(csv_text())
+    done = import_recording(tmp_path / "a.csv", tmp_path / "a.mcap", arm={"arm": "one", "arm_sha256": "1"})
+    assert (done.log.metadata["arm"], done.log.metadata["arm_sha256"]) == ("one", "1")
+    again = import_recording(tmp_path / "a.mcap", tmp_path / "b.mcap", arm={"arm": "two", "arm_sha256": "2"})
+    assert (again.log.metadata["arm"], again.log.metadata["arm_sha256"]) == ("one", "1")
+
+
 def test_samples_of_one_instant_are_imported_once(tmp_path, csv_text):
     cells = [line.split(",") for line in csv_text().splitlines()]
     cells[20][0] = cells[19][0]

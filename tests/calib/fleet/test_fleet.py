@@ -61,6 +61,20 @@ def test_what_is_no_file_is_listed_without_waiting_for_it(tmp_path: Path) -> Non
     assert ["not a regular file" in why for _, why in unknown] == [True]
 
 
+def test_a_recording_that_was_cut_short_still_says_whose_it_is(tmp_path: Path, ur5e: Arm) -> None:
+    write_recording(tmp_path / "cell" / "a.mcap", ur5e, ur5e, 1, seconds=2.0)
+    nan = np.full(1, np.nan)
+    with Recorder(tmp_path / "cell" / "b.mcap", ["a"], {"arm": "one"}) as recorder:
+        for k in range(5000):
+            recorder.write(JointState(k * 0.01, k * 0.01, np.array([np.sin(k)]), nan, nan, nan, nan))
+    for file in sorted((tmp_path / "cell").iterdir()):
+        data = file.read_bytes()
+        file.write_bytes(data[: 2 * len(data) // 3])
+    recordings, unknown = inventory(str(tmp_path))
+    assert [r.arm for r in recordings] == ["ur5e", "one"]
+    assert unknown == []
+
+
 def test_a_copy_of_a_recording_counts_once(tmp_path: Path, ur5e: Arm) -> None:
     file = write_recording(tmp_path / "plant" / "cell" / "a.mcap", ur5e, varied(ur5e, 1), 1)
     once = run_fleet(inventory(str(tmp_path / "plant")), tmp_path / "once", HERE).rows[0]
