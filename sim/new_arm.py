@@ -31,6 +31,8 @@ from sim.tree import KinematicTree
 FINGER = 0.15
 # joints of a whole robot, of which the arm is a part
 ROBOT = 300
+# turns of a joint: drives of several turns are within, and a file in degrees beyond with any joint that moves by more than 63 degrees
+MOST_TURNS = 10
 
 
 @dataclass
@@ -78,6 +80,7 @@ def read_model(file: Path, staging: Path, root: Path | None = None, choice: Choi
     held = _held(file, tree, choice, followers, parents, notes)
     kept = locked(tree, held) if held else tree
     _check_chain(file, kept, choice, notes)
+    _check_radians(file, kept)
     _check_possible(file, impossible, kept, parents, choice, notes)
     massless = [kept.link_names[j] for j in range(kept.n) if kept.mass[j] <= 10 * NO_MASS]
     if massless and not choice.geometry_only:
@@ -167,6 +170,16 @@ def _check_chain(file: Path, tree: KinematicTree, choice: Choice, notes: list[st
     last = tree.n - 1
     if tree.n > 1 and tree.prismatic[last] and not tree.prismatic[:last].any() and tree.q_max[last] - tree.q_min[last] < FINGER:
         notes.append(f"joint {tree.joint_names[last]} slides at the end of the arm; a gripper's finger is left out with --lock")
+
+
+def _check_radians(file: Path, tree: KinematicTree) -> None:
+    """ConfigError for a range of so many turns that its numbers are those of degrees; beyond any in degrees it stands for none."""
+    span = np.where(tree.prismatic, 0.0, tree.q_max - tree.q_min)
+    for j in np.flatnonzero((span > 2 * np.pi * MOST_TURNS) & (span <= 360 * MOST_TURNS)):
+        raise ConfigError(
+            f"{file}: joint {tree.joint_names[j]} moves from {tree.q_min[j]:g} to {tree.q_max[j]:g} rad, {span[j] / (2 * np.pi):.0f} turns; at "
+            f"most {MOST_TURNS} are read (degrees?): write its limits in radians and radians per second, or declare it continuous"
+        )
 
 
 def _check_possible(

@@ -120,6 +120,7 @@ def _set_mass(link: Element, out: Urdf) -> None:
     moments = np.linalg.eigvalsh(inertia)
     if np.abs(inertia).max() <= 1e-12 * mass:
         _set_inertia(inertial, np.eye(3) * max(mass * POINT**2, NO_MASS**1.5))
+        out.notes.append(f"link {link.get('name')}: the file states no inertia; its {mass:g} kg are a point mass")
     elif moments[0] <= 0 or moments[0] + moments[1] < moments[2] * (1 - 1e-6):
         out.impossible[link.get("name", "")] = moments
         nearest, axes = possible_moments(inertia, 1e-6 * max(moments.max(), mass * POINT**2))

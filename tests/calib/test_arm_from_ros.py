@@ -103,6 +103,22 @@ def test_a_missing_collision_mesh_leaves_the_arm_without_a_cleared_motion_until_
     assert "shapes" not in load_arm(tmp_path / "waived").incomplete
 
 
+def test_a_link_without_inertia_is_named(package, tmp_path, capsys):
+    file = package / "urdf" / "two.urdf"
+    file.write_text(URDF.replace('ixx="1" iyy="1" izz="1"', 'ixx="0" iyy="0" izz="0"'))
+    assert main(["arm", "new", str(file), "--out", str(tmp_path / "arm")]) == 0
+    assert "link l: the file states no inertia; its 1 kg are a point mass" in error_text(capsys)
+
+
+def test_limits_in_degrees_are_refused(package, tmp_path, capsys):
+    file = package / "urdf" / "two.urdf"
+    file.write_text(URDF.replace('lower="-1" upper="1"', 'lower="-120" upper="120"'))
+    assert main(["arm", "new", str(file), "--out", str(tmp_path / "arm")]) == 2
+    assert "joint j moves from -120 to 120 rad, 38 turns; at most 10 are read (degrees?)" in error_text(capsys)
+    file.write_text(URDF.replace('lower="-1" upper="1"', 'lower="-25" upper="25"'))
+    assert main(["arm", "new", str(file), "--out", str(tmp_path / "arm")]) == 0
+
+
 def _holds(shape, point):
     half = shape.size[1] if shape.kind == "capsule" else 0.0
     local = shape.rotation.T @ (point - shape.position)
