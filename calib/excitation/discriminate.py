@@ -33,6 +33,8 @@ MOST_PROBES = 12
 SLOWER = (1.0, 2.0)  # periods tried, times the session's: friction parts slowly, inertia quickly
 ENOUGH = 5.0  # sigma of the whole motion
 WORTH, LIMITS = 30.0, 1000.0  # of the separation, and of a limit that is passed
+# sigma below which the effects are one on every motion of the arm, and what is left is rounding: 6e-12 for a load and a link of a SCARA
+SAME = 0.01
 STEP, TINY = 1e-4, 1e-9
 
 
@@ -69,6 +71,7 @@ def discriminating(
 ) -> tuple[Fourier, float]:  # fmt: skip
     """The motion whose least separation over the pairs is largest, and that separation: the best of `tries` random ones, then ascended.
 
+    AnswerIsNo where no motion fits, or where none separates one of the pairs at all.
     The ascent is that of the excitation, under the same limits, in the coefficients of the joints that the pairs name.
     """
     best: tuple[Fourier, float] | None = None
@@ -82,6 +85,8 @@ def discriminating(
             best = (found, least)
     if best is None:
         raise AnswerIsNo(f"{room.arm.name}: no motion fits that distinguishes these effects; give a freer posture with --home")
+    for pair in pairs:
+        _require_different(room.arm, coarse(best[0]), *pair)
     if iterations:
         apart = Apart(room, pairs, best[0], stop)
         x, *_ = lowest(apart, best[0].x, iterations)
@@ -90,6 +95,20 @@ def discriminating(
         if found and least > best[1]:
             best = (found, least)
     return best
+
+
+def _require_different(arm: Arm, motion: Trajectory, effect: ArmEffect, rival: tuple[str, str | None]) -> None:
+    """AnswerIsNo where neither of two effects stands out of the other and a refit, along a motion that is like any other in this."""
+    own = effect.effect, effect.joint
+    pairs = [(effect, rival), *((item, own) for item in typical(arm, rival))]
+    most = max(separation(arm, motion, *pair) for pair in pairs)
+    if most < SAME:
+        names = " and ".join(name.replace("_", " ") + (f" at {joint}" if joint else "") for name, joint in (own, rival))
+        raise AnswerIsNo(
+            f"{arm.name}: no motion separates {names} from one another and from a refit of the arm's numbers ({most:.2g} standard deviations; "
+            f"{ENOUGH:g} are needed); decide otherwise: {effect_named(effect.effect).experiment or 'measure one of them by itself'}, or weigh the "
+            "part; then plan without --discriminate"
+        )
 
 
 class Apart:

@@ -15,7 +15,7 @@ from calib.excitation.fourier import Basis
 from calib.excitation.home import open_cell
 from calib.excitation.room import Room
 from sim.arm import Arm, ArmEffect
-from sim.errors import ConfigError
+from sim.errors import AnswerIsNo, ConfigError
 
 ELBOW = "elbow_joint"
 OFFSET = ArmEffect("torque_offset", ELBOW, {"offset": 4.0})
@@ -40,6 +40,13 @@ def test_nothing_parts_an_effect_from_itself(ur5e: Arm) -> None:
     alone = separation(ur5e, motion, OFFSET, ("torque_offset", ELBOW))
     assert alone < 1e-6
     assert separation(ur5e, motion, OFFSET, ("joint_spring", "wrist_1_joint")) > 5.0
+
+
+def test_no_motion_is_planned_for_effects_that_are_one_on_every_motion(ur5e: Arm) -> None:
+    room, pairs = Room(ur5e, open_cell(ur5e)), [(SPRING, ("torque_offset", ELBOW)), (OFFSET, ("torque_offset", ELBOW))]
+    with pytest.raises(AnswerIsNo, match="separates torque offset at elbow_joint and torque offset at elbow_joint") as error:
+        discriminating(room, pairs, Basis(5, 10.0), HOME, np.random.default_rng(3), 2)
+    assert "decide otherwise: static holds" in str(error.value)
 
 
 def test_what_a_refit_can_imitate_is_not_counted(ur5e: Arm) -> None:
