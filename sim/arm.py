@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from sim.arm_table import ArmTable, LimitsTable, PriorTable, SensorsTable, SpeedFrom, TorqueAt
-from sim.errors import ConfigError
+from sim.errors import ConfigError, UnknownArm
 from sim.files import MAX_TABLE, as_text, is_name, read_bytes, toml_table
 from sim.model import compiled, kinematic_tree
 from sim.model_facts import model_limits, model_name, unknown_sensors
@@ -122,7 +122,7 @@ def load_arm(reference: str | Path, configs: Path | None = None) -> Arm:
         raise ConfigError(f"{reference}: there is no such file; `calib init` writes a cell")
     known = sorted({p.parent.name for folder in config_folders(configs, "arms") for p in folder.glob("*/arm.toml")})
     known += sorted(plugins("arms"))
-    raise ConfigError(
+    raise UnknownArm(
         f"there is no arm {str(reference)!r}; {nearest(str(reference), known)}; an arm is a name from configs/arms, "
         "a folder with arm.toml, or a .xml or .urdf file"
     )

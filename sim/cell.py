@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import os
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -13,7 +14,7 @@ from sim.arm import Arm, load_arm
 from sim.arm_table import EffectTable
 from sim.assumptions import ASSUMPTIONS
 from sim.errors import ConfigError
-from sim.files import MAX_TABLE, as_text, read_bytes, toml_table
+from sim.files import MAX_TABLE, as_text, is_name, read_bytes, toml_table
 from sim.resources import config_folders, nearest
 from sim.strict import Finite, Label, Name, Positive, StrictTable, validated
 
@@ -169,7 +170,7 @@ class Cell:
 
 
 def load_cell(reference: str | Path, configs: Path | None = None) -> Cell:
-    """A cell from its name in configs/cells or the path of a .toml file."""
+    """A cell from its name in configs/cells or the path of a .toml file; an arm's path is taken from the file's folder where it is there."""
     path = Path(reference)
     if path.suffix != ".toml":
         found = [f / f"{reference}.toml" for f in config_folders(configs, "cells") if (f / f"{reference}.toml").is_file()]
@@ -182,6 +183,9 @@ def load_cell(reference: str | Path, configs: Path | None = None) -> Cell:
         path = found[0]
     raw = read_bytes(path, MAX_TABLE, remedy="give a cell file")
     table = validated(CellTable, toml_table(as_text(raw, path), path), path)
+    beside = path.parent / table.arm
+    if not is_name(table.arm) and os.path.exists(beside):
+        table = table.model_copy(update={"arm": str(beside)})
     return Cell(table, path, hashlib.sha256(raw).hexdigest(), _meshes(table, path))
 
 

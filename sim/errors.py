@@ -17,6 +17,10 @@ class ConfigError(CalibError):
     """A configuration file, arm folder or command line value that breaks a rule."""
 
 
+class UnknownArm(ConfigError):
+    """No arm has the name that was given."""
+
+
 class BadLog(CalibError):
     """A recording that cannot be read as what it claims to be; names file, place, value, rule and remedy."""
 

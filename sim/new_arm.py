@@ -16,6 +16,7 @@ from sim.arm_table import Numbers
 from sim.bench_drive import bench_drive
 from sim.enclosing import with_pieces
 from sim.errors import ConfigError
+from sim.files import is_name, printable
 from sim.foreign_physics import foreign_physics
 from sim.locked import locked
 from sim.mjcf_tree import tree_text
@@ -29,8 +30,7 @@ from sim.tree import KinematicTree
 
 # two links of two joints may be a gripper's fingers; a third branch is no arm either
 FINGER = 0.15
-# joints of a whole robot, of which the arm is a part
-ROBOT = 300
+ROBOT = 300  # joints of a whole robot, of which the arm is a part
 # turns of a joint: drives of several turns are within, and a file in degrees beyond with any joint that moves by more than 63 degrees
 MOST_TURNS = 10
 
@@ -70,7 +70,7 @@ def read_model(file: Path, staging: Path, root: Path | None = None, choice: Choi
         tree = replace(tree, dq_max=urdf_speed_limits(found.text, tree.joint_names), armature=tree.armature + rotors)
         followers = {name: found.followers[name] for name in tree.joint_names if name in found.followers}
         parents = _urdf_parents(found.text)
-        whole, name = None, _robot_name(found.text)
+        whole, name = None, _name(file, found.text, notes)
     else:
         whole = load_arm(file)
         tree = whole.tree
@@ -100,7 +100,7 @@ def read_model(file: Path, staging: Path, root: Path | None = None, choice: Choi
                 f"{meshes} collision meshes are held by {'convex pieces' if choice.hulls else 'capsules'}; the arm has {len(kept.shapes)} shapes"
             )
         staged = staging / "model.xml"
-        staged.write_text(tree_text(kept, name or file.stem), encoding="utf-8")
+        staged.write_text(tree_text(kept, name), encoding="utf-8")
         whole = replace(load_arm(staged), dq_max=kept.dq_max)
     missing = ("shapes",) if shapeless and not choice.no_shapes else ()
     return replace(whole, prior=stated_prior(numbers, kept), incomplete=(*whole.incomplete, *missing)), notes
@@ -231,10 +231,18 @@ def _urdf_parents(text: str) -> dict[str, str]:
     return out
 
 
-def _robot_name(text: str) -> str:
+def _name(file: Path, text: str, notes: list[str]) -> str:
+    """What a URDF calls its robot, else what its file is called; a note where the robot's name is none for an arm."""
     from xml.etree import ElementTree
 
-    return ElementTree.fromstring(text).get("name", "")
+    stated = ElementTree.fromstring(text).get("name", "")
+    if is_name(stated):
+        return stated
+    name = file.stem if is_name(file.stem) else "arm"
+    notes.append(
+        f"{printable(stated)!r} can be no arm's name (letters, digits, dots, dashes, underscores); it is {name} unless --name says else"
+    )
+    return name
 
 
 def staging_folder() -> tempfile.TemporaryDirectory[str]:

@@ -54,7 +54,7 @@ def command(
     with needing("fleet", "calib fleet"):
         from calib.fleet.fleet import Progress, Settings, run_fleet
         from calib.fleet.inventory import inventory
-        from calib.fleet.summary import arm_rows, deviation_rows, nothing_wrong, sentence
+        from calib.fleet.summary import arm_rows, deviation_rows, nothing_wrong, sentence, trouble_rows
         from calib.report import fleet as page
 
     if scheduler is not None and not scheduler.startswith("tls://"):
@@ -96,8 +96,8 @@ def command(
     )
     if deviating:
         console.table(["arm", "what", "joint", "how large", "since"], deviating, "arms that deviate")
-    for _, why in found.unassigned:
-        console.warn(why)
+    for arm, what, why in trouble_rows(found):
+        console.warn(f"{arm}: {what}: {why}" if arm else why)
     console.say(f"{outcome}.")
     console.say(f"{run}: fleet.parquet, report.html, arms/")
     return code

@@ -23,7 +23,8 @@ from calib.fleet.table import require_row, write_table
 from calib.fleet.task import work_packed
 from calib.terminal.console import plain
 from sim.arm import Arm, load_arm
-from sim.errors import CalibError
+from sim.errors import CalibError, UnknownArm
+from sim.files import printable
 
 ANSWER, ESTIMATE, PORTIONS, ARMS = "answer.json", "estimate.npz", "portions", "arms"
 BORROWED = 0.5  # of the knowledge of some parameter: from here on the others' help changes what the arm's folder would say
@@ -77,6 +78,11 @@ def run_fleet(
     for arm_id, own in by_arm(recordings).items():
         try:
             arms[arm_id] = load_arm(own[-1].arm, configs)
+        except UnknownArm:
+            where = "./configs" if configs is None else printable(configs)
+            sentence = f"there is no arm {own[-1].arm!r} in {where}/arms; copy its folder there, or name the folder above arms/ with --configs DIR"
+            answers[arm_id] = _unknown(arm_id, own, sentence)
+            continue
         except CalibError as error:
             answers[arm_id] = _unknown(arm_id, own, str(error))
             continue

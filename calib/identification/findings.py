@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 from calib.identification.instruments import LEVEL
@@ -26,9 +27,9 @@ def findings(arm: Arm, fit: BaseFit) -> tuple[str, ...]:
                 "between the periods (RMS, filtered), which no model can explain"
             )
     if solution.regularised:
-        out.append(
-            f"the scaled condition number is {solution.condition_scaled:.3g}, so the arm's nominal numbers hold what the motion did not show"
-        )
+        shown = f"the scaled condition number is {solution.condition_scaled:.3g}"
+        shown = shown if math.isfinite(solution.condition_scaled) else "some directions are not excited at all"
+        out.append(f"{shown}, so the arm's nominal numbers hold what the motion did not show")
     bent = [j for j, ar in zip(arm.joint_names, fit.weights.noise.ar, strict=True) if not ar.any()]
     if bent:
         out.append(

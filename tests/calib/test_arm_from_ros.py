@@ -110,6 +110,15 @@ def test_a_link_without_inertia_is_named(package, tmp_path, capsys):
     assert "link l: the file states no inertia; its 1 kg are a point mass" in error_text(capsys)
 
 
+def test_a_robot_whose_name_is_none_for_an_arm_is_called_after_its_file(package, tmp_path, capsys):
+    file = package / "urdf" / "two.urdf"
+    file.write_text(URDF.replace('name="two"', 'name="Prüfarm 1"'), encoding="utf-8")
+    file = file.rename(file.with_name("cell-3.urdf"))
+    assert main(["arm", "new", str(file), "--out", str(tmp_path / "arm")]) == 0
+    assert "'Prüfarm 1' can be no arm's name" in error_text(capsys)
+    assert load_arm(tmp_path / "arm").name == "cell-3"
+
+
 def test_limits_in_degrees_are_refused(package, tmp_path, capsys):
     file = package / "urdf" / "two.urdf"
     file.write_text(URDF.replace('lower="-1" upper="1"', 'lower="-120" upper="120"'))

@@ -6,6 +6,7 @@ import pytest
 
 from drivers import open_driver
 from sim.arm import load_arm
+from sim.arm_folder import write_arm
 from sim.cell import Cell, load_arm_of, load_cell
 from sim.errors import ConfigError
 
@@ -75,6 +76,16 @@ def test_a_kind_of_obstacle_that_there_is_not(tmp_path: Path) -> None:
         ConfigError, match=r"obstacles\.0\.kind = 'plain': unknown; did you mean 'plane'\? known: box, plane, mesh"
     ):
         opened(tmp_path, '[[obstacles]]\nkind = "plain"\nname = "table"')
+
+
+def test_an_arm_may_lie_beside_the_cell_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write_arm(tmp_path / "arms" / "own", ARM, name="own")
+    (tmp_path / "cells").mkdir()
+    monkeypatch.chdir(tmp_path)
+    for arm in ("../arms/own", "arms/own"):
+        file = tmp_path / "cells" / "cell.toml"
+        file.write_text(f'schema = "cell/1"\nname = "cell"\narm = "{arm}"\ndriver = "mock"\n')
+        assert load_arm_of(load_cell(file)).name == "own"
 
 
 def test_a_cell_with_an_arm_that_there_is_not_names_its_file(tmp_path: Path) -> None:

@@ -75,6 +75,15 @@ def test_a_recording_that_was_cut_short_still_says_whose_it_is(tmp_path: Path, u
     assert unknown == []
 
 
+def test_of_an_unknown_arm_the_places_of_models_are_named(
+    tmp_path: Path, ur5e: Arm, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_recording(tmp_path / "plant" / "cell" / "a.mcap", replace(ur5e, name="nobodys"), ur5e, 1, seconds=2.0)
+    assert program.main(["fleet", str(tmp_path / "plant"), "--workers", "0", "--out", str(tmp_path / "out")]) == 1
+    printed = " ".join(capsys.readouterr().err.split())
+    assert "there is no arm 'nobodys' in ./configs/arms; copy its folder there, or name the folder above arms/" in printed
+
+
 def test_a_copy_of_a_recording_counts_once(tmp_path: Path, ur5e: Arm) -> None:
     file = write_recording(tmp_path / "plant" / "cell" / "a.mcap", ur5e, varied(ur5e, 1), 1)
     once = run_fleet(inventory(str(tmp_path / "plant")), tmp_path / "once", HERE).rows[0]
