@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 import tomli_w
 from pydantic import BaseModel, ConfigDict, Field
 
-from safety.manifest import manifest_of, require_same
+from safety.manifest import AGAIN, manifest_of, require_same
 from safety.plan import Plan
 from safety.seal import read_plan_file, sealed, unsealed
 from sim.arm import Arm
@@ -19,7 +19,6 @@ from sim.strict import Positive, validated
 
 APPROVAL_HOURS = 8.0
 FILE = "approval.toml"
-AGAIN = "approve again with `calib record --approve`"
 
 
 class Approval(BaseModel):

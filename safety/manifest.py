@@ -24,6 +24,7 @@ from sim.errors import SafetyStop
 from sim.version import software_version
 
 Manifest = dict[str, str]
+AGAIN = "approve again with `calib record --approve`"
 # what a driver says that may be another each time it is connected
 PASSING = ("bus",)
 
@@ -60,9 +61,7 @@ def require_same(before: Mapping[str, str], now: Mapping[str, str], lead: str) -
     for name in order:
         if before.get(name) != now.get(name):
             was, is_ = (str(x.get(name, "nothing"))[:24] for x in (before, now))
-            raise SafetyStop(
-                f"{lead} another {name} ({was}) than there is now ({is_}); look at what changed, then approve again"
-            )
+            raise SafetyStop(f"{lead} another {name} ({was}) than there is now ({is_}); look at what changed, then {AGAIN}")
 
 
 # fields that differ whenever another one does: they are named last
@@ -85,8 +84,8 @@ def _flatten(value: Any, name: str, out: Manifest) -> None:
     elif hasattr(value, "__dataclass_fields__"):
         _flatten({f.name: getattr(value, f.name) for f in fields(value)}, name, out)
     elif isinstance(value, (list, tuple)) and any(not isinstance(x, (int, float, str, bool)) for x in value):
-        out[f"{name}: how many"] = str(len(value))
+        out[name] = f"{len(value)} in all"
         for k, part in enumerate(value):
             _flatten(part, f"{name}.{k}", out)
     else:
-        out[name] = repr(value)
+        out[name] = repr(value) if value != [] else "none"

@@ -69,9 +69,10 @@ def check_plausible(arm: Arm, cell: Cell) -> None:
     for name, what in unusual(arm, cell).items():
         assumption = f"unusual-{name}"
         if assumption not in cell.assumed:
+            file = cell.path.name if cell.path.suffix == ".toml" else "a cell file, and name it with --cell"
             raise SafetyStop(
                 f"{what}: so wide a setting switches a rule off; correct it, or where it is meant write "
-                f'assume = ["{assumption}"] at the top of {cell.path.name}: it is then shown at every start and written into every log'
+                f'assume = ["{assumption}"] at the top of {file}: it is then shown at every start and written into every log'
             )
 
 

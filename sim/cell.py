@@ -185,7 +185,7 @@ def load_cell(reference: str | Path, configs: Path | None = None) -> Cell:
     table = validated(CellTable, toml_table(as_text(raw, path), path), path)
     beside = path.parent / table.arm
     if not is_name(table.arm) and os.path.exists(beside):
-        table = table.model_copy(update={"arm": str(beside)})
+        table = table.model_copy(update={"arm": str(beside.resolve())})
     return Cell(table, path, hashlib.sha256(raw).hexdigest(), _meshes(table, path))
 
 

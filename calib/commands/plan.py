@@ -76,9 +76,10 @@ def command(
         require_display()
     nominal = load_arm(arm, configs)
     where = load_cell(cell, configs) if cell else None
+    stands = where or open_cell(nominal)
     if where:
         require_postures(where, nominal)
-        check_plausible(nominal, where)  # else a long plan would be made that no run takes
+    check_plausible(nominal, stands)  # else a long plan would be made that no run takes
     requested = replace(
         QUICK if quick else Session(), period=period, harmonics=harmonics, seed=seed, progressive=progressive,
         home=None if home is None else posture(home, nominal),
@@ -95,7 +96,6 @@ def command(
             discriminate = latest("diagnose").folder
         requested = replace(requested, apart=tuple(pairs_of(discriminate, nominal)))
     folder = new_run(nominal, "plan", out, where)
-    stands = where or open_cell(nominal)
     with console.progress("plan") as advance:
         designed = design(
             nominal, stands, requested, lambda stage, share: advance(0, f"{stage} {share:.0%}" if share else stage)

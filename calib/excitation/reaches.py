@@ -23,7 +23,7 @@ FAST = 0.25
 def sweep_range(room: Room, home: np.ndarray, j: int, speeds: np.ndarray) -> tuple[float, float, np.ndarray]:
     """Both ends, rad, and the speeds, rad/s, of the widest sweep of joint j from `home` that fits; AnswerIsNo where the least does not."""
     arm = room.arm
-    missing = ""
+    missing, held, move = "", "a body near it", ""
     reaches = np.array(REACHES) * min(1.0, (arm.q_max[j] - arm.q_min[j]) / WHOLE)
     for shares, reach in itertools.product(SLOWER, reaches.tolist()):
         low = max(home[j] - reach, arm.q_min[j] + 0.05 * (arm.q_max[j] - arm.q_min[j]))
@@ -39,11 +39,16 @@ def sweep_range(room: Room, home: np.ndarray, j: int, speeds: np.ndarray) -> tup
             use = room.use(Trajectory(np.arange(80) * step, line, dq, np.zeros_like(line)))
             if use.fits:
                 return float(low), float(high), slower * speeds
+            held = f"the {use.worst[0]} limit"
             if use.worst[0] == "torque":
                 missing = missing_facts(arm, int(np.argmax(use.shares["torque"])))
+    still = room.use(Trajectory(np.arange(80.0), line, np.zeros_like(line), np.zeros_like(line)))  # over the smallest reach
+    if still.clearance < CLEARANCE_MARGIN:
+        held = f"{still.pair[0]} near {still.pair[1]}"
+        move = next((f", or move {o.name}" for o in room.cell.table.obstacles if o.name in still.pair), "")
     raise AnswerIsNo(
         f"{arm.joint_names[j]}: at the start {np.round(home, 3).tolist()} rad it has less than {reaches[-1]:.2g} {'m' if arm.tree.prismatic[j] else 'rad'} "
-        f"to either side; give another start with --home, or move the obstacle{missing}"
+        f"to either side; {held} holds it: give another start with --home{move}{missing}"
     )
 
 

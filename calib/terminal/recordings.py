@@ -115,9 +115,9 @@ def _each(paths: Iterable[Path], arm: Arm, read: Callable[[int, Path], T]) -> li
 
 def require_unseen(logs: Iterable[Path], held_out: Iterable[Path]) -> None:
     """ConfigError where a recording is given on both sides: a log that the fit has seen says nothing of logs that it has not."""
-    seen = {path.resolve() for path in logs}
+    seen = {os.path.realpath(path) for path in logs}  # unlike Path.resolve, it takes a link to itself
     for path in held_out:
-        if path.resolve() in seen:
+        if os.path.realpath(path) in seen:
             raise ConfigError(
                 f"--holdout {path}: is also one of the logs to fit; hold out a recording of another motion, or leave --holdout away"
             )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +10,8 @@ import pytest
 
 from calib.main import main
 from logs import Recorder, read_log
+from sim.arm import load_arm
+from sim.arm_folder import write_arm
 from sim.joint_state import JointState
 
 SAMPLES = Path(__file__).resolve().parents[2] / "logs" / "samples"
@@ -154,6 +157,7 @@ def test_a_gap_is_reported_and_nothing_reaches_across(
         (["identify", "ur10e", "lonk.mcap"], "there is no recording 'lonk.mcap'; give the path"),
         (["identify", "ur10e", "x" * 300 + ".mcap"], "x.mcap'; give the path"),
         (["identify", "x" * 300 + ".mcap"], "x.mcap'; give the path"),
+        (["identify", "ur10e", "loop.mcap"], "loop.mcap: is a link to loop.mcap, which is not there"),
         (["plan", "ur10e", "--home", "1e9,0,0,0,0,0"], "give a posture inside them with --home"),
     ],
 )
@@ -164,5 +168,17 @@ def test_a_path_that_leads_nowhere_is_named(
     Path("folder").mkdir()
     of_bytes("file", b"")
     Path("link.mcap").symlink_to("gone.mcap")
+    Path("loop.mcap").symlink_to("loop.mcap")
     assert main(arguments) == 2
     assert sentence in capsys.readouterr().err.splitlines()[-1]
+
+
+def test_an_arm_that_no_run_takes_is_refused_before_it_is_planned_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    arm = load_arm("ur10e")
+    write_arm(Path("weak"), replace(arm, tau_max=np.full(6, 0.005)), name="weak")
+    assert main(["plan", "weak"]) == 3
+    remedy = 'write assume = ["unusual-tau_max"] at the top of a cell file, and name it with --cell'
+    assert remedy in " ".join(capsys.readouterr().err.split())

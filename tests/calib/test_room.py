@@ -169,7 +169,7 @@ def test_a_joint_of_small_range_is_swept_through_less(monkeypatch: pytest.Monkey
     assert 0.02 < HOME[5] - low <= 0.05
     assert 0.02 < high - HOME[5] <= 0.05
     monkeypatch.setattr(room.nearness, "clearances", lambda q: (np.full((len(q), 1), -1.0), []))
-    with pytest.raises(AnswerIsNo, match=r"less than 0.021 rad to either side"):
+    with pytest.raises(AnswerIsNo, match=r"less than 0.021 rad to either side; a body near it holds it"):
         sweep_range(room, HOME, 5, np.array([0.1]))
 
 

@@ -153,6 +153,19 @@ def test_a_field_that_is_new_or_gone_is_a_difference(place: Path, motion: Trajec
             require_same(before, now, "approved")
 
 
+def test_effects_that_are_gone_are_counted(place: Path, motion: Trajectory) -> None:
+    plan, arm, cell, _ = world(place, motion)
+    now = manifest_of(plan, arm, cell)
+    effects = [{"effect": "payload", "joint": None, "parameters": {"mass": 1.0}}] * 2
+    table = type(cell.table).model_validate(cell.table.model_dump(by_alias=True) | {"emulation": {"effects": effects}})
+    none = cell.table.model_copy(update={"emulation": table.emulation.model_copy(update={"effects": []})})
+    before, now = (manifest_of(plan, arm, replace(cell, table=t)) for t in (table, none))
+    with pytest.raises(
+        SafetyStop, match=r"another cell\.emulation\.effects \(2 in all\) than there is now \(none\).*`calib record --approve`"
+    ):
+        require_same(before, now, "approved")
+
+
 def test_the_device_is_pinned_but_for_where_it_is_plugged_in() -> None:
     one = DeviceInfo("UR10e", "2024", "5.9", 500.0, extra={"calibration": "a", "bus": "/dev/ttyACM0"})
     require_same(device_facts(one), device_facts(replace(one, extra={"calibration": "a", "bus": "/dev/ttyACM1"})), "x")
