@@ -20,6 +20,7 @@ from sim.feedforward import friction_table, isaaclab_actuator, payload_table
 from sim.files import is_name
 from sim.mujoco_export import exported_model
 from sim.resources import nearest
+from sim.units import of_slide
 from sim.urdf import urdf_text
 
 FORMATS = ("mjcf", "urdf", "isaaclab", "feedforward", "table")
@@ -90,7 +91,7 @@ def parameter_table(arm: Arm) -> dict[str, Any]:
 
     def add(joint: str, parameter: str, value: float, unit: str, meaning: str, std: float | None = None) -> None:
         if np.isfinite(value):
-            unit = _of_slide(unit) if joint in slides and "link" not in meaning else unit
+            unit = of_slide(unit) if joint in slides and "link" not in meaning else unit
             row = {"joint": joint, "parameter": parameter, "value": float(value), "std": std, "unit": unit, "meaning": meaning}
             rows.append(row)
 
@@ -116,11 +117,6 @@ def parameter_table(arm: Arm) -> dict[str, Any]:
         "schema": "parameters/1", "arm": arm.name, "sha256": arm.sha256, "joints": list(arm.joint_names),
         "not_stated": list(arm.incomplete), "parameters": rows, "provenance": arm.provenance,
     }  # fmt: skip
-
-
-def _of_slide(unit: str) -> str:
-    """The unit of a slide's number: force for torque, length for angle, mass for inertia."""
-    return unit.replace("kg*m^2", "kg").replace("N*m", "N").replace("rad", "m")
 
 
 def _json(data: dict[str, Any]) -> str:

@@ -185,6 +185,7 @@ def _finish(
     from sim.arm_folder import write_arm
     from sim.files import is_name
     from sim.stated_facts import LIMIT_UNITS, limit_sources, missing_limits, with_limits
+    from sim.units import of_joints
 
     own = arm
     arm = with_limits(arm, dict(numbers_of("--limit", text) for text in limit or []))
@@ -210,7 +211,9 @@ def _finish(
     if written.prior.numbers == "unknown":  # nobody measured what four digits would claim
         masses, mass = [f"~{significant(m)}" for m in masses], "mass kg (stand-in)"
     rows = zip(written.joint_names, masses, *(getattr(written, key) for key in LIMIT_UNITS), strict=True)
-    console.table(["joint", mass, *(f"{key} {unit}" for key, unit in LIMIT_UNITS.items())], rows)
+    console.table(
+        ["joint", mass, *(f"{key} {of_joints(unit, written.tree.prismatic)}" for key, unit in LIMIT_UNITS.items())], rows
+    )
     missing = missing_limits(written)
     if missing:
         console.warn(f"not stated, and needed before a motion: {', '.join(missing)}; write them to {folder / 'arm.toml'}")

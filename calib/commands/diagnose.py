@@ -52,6 +52,7 @@ def command(
     from calib.terminal.recordings import arm_and_logs, read_logs, read_pieces, require_unseen
     from sim.arm import load_arm
     from sim.required import require_identified
+    from sim.units import headed
 
     arm = named(arm)
     subject, given = arm_and_logs(arm, log, configs)
@@ -102,7 +103,9 @@ def command(
         noise = gap["noise_floor"] or ["not measured"] * len(gap["joints"])
         columns = gap_columns(gap) | {"noise floor": noise}
         console.table(
-            ["joint", *columns], [list(row) for row in zip(gap["joints"], *columns.values(), strict=True)], gap_title(answer)
+            ["joint", *columns],
+            [list(row) for row in zip(gap["joints"], *columns.values(), strict=True)],
+            *headed([gap_title(answer)], subject.tree.prismatic),
         )
     for check in answer["data_checks"]:
         if not check["ok"]:

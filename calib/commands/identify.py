@@ -66,6 +66,7 @@ def command(
     from calib.report import identification as page
     from calib.terminal.recordings import arm_and_logs, read_logs, read_pieces, require_unseen
     from calib.verdict import Verdict
+    from sim.units import headed
 
     arm = named(arm)
     nominal, given = arm_and_logs(arm, log, configs)
@@ -113,9 +114,11 @@ def command(
     for gap, title in ((result.training, "training logs"), (result.holdout, "held-out logs")):
         if gap is not None:
             headers, rows = gap_table(result.joint_names, gap)
-            console.table(headers, rows, f"torque residual on the {title}: {', '.join(gap.logs)}")
+            console.table(
+                headed(headers, nominal.tree.prismatic), rows, f"torque residual on the {title}: {', '.join(gap.logs)}"
+            )
     headers, rows = parameter_table(result)
-    console.table(headers, rows, "friction and reflected inertia")
+    console.table(headed(headers, nominal.tree.prismatic), rows, "friction and reflected inertia")
     first, *more = [claim.sentence for claim in result.claims if claim.sentence not in result.findings]
     console.conclusion(first, [*result.findings, *more])
     console.say(f"{folder}: arm/, result.json, report.html")

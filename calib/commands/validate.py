@@ -48,6 +48,7 @@ def command(
     from calib.validation.validate import validate
     from calib.verdict import Verdict
     from logs import is_log
+    from sim.units import headed
 
     arm = named(arm)
     subject, given = arm_and_logs(arm, log, configs)
@@ -77,6 +78,7 @@ def command(
         headers = ["joint", "residual [N m]", "unfiltered [N m]", "torque std [N m]", "residual share"]
         headers += [] if constant is None else ["residual [A]"]
         headers += [] if check.short is None else [f"error after {SHORT.seconds:g} s [mrad]", "bound [mrad]", "travel [mrad]"]
+        headers = headed(headers, subject.tree.prismatic)
         rows = []
         for j, joint in enumerate(subject.joint_names):
             left = check.residual[j] / check.signal[j] if check.signal[j] > 0 else float("nan")
