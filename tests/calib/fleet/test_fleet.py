@@ -15,64 +15,19 @@ import pytest
 from calib import main as program
 from calib.fleet.engine import ALLOWED_DEATHS, cluster, results
 from calib.fleet.fleet import Settings, run_fleet
-from calib.fleet.inventory import by_arm, inventory
+from calib.fleet.inventory import inventory
 from calib.fleet.job import ArmStatus, Job
 from calib.fleet.opened import session
 from calib.fleet.since import History, histories
 from calib.fleet.table import read_table, write_table
 from calib.fleet.task import work
-from logs import Recorder
 from sim.arm import Arm, ArmEffect, load_arm
 from sim.effects import with_effect
 from sim.errors import ConfigError
-from sim.joint_state import JointState
 from tests.calib.conftest import fourier_motion, recorded, varied
 from tests.calib.fleet.conftest import spoil, write_recording
 
 HERE = Settings(workers=0, diagnose=False)
-
-
-def test_recordings_are_found_by_what_they_say(plant: Path) -> None:
-    recordings, unknown = inventory(str(plant))
-    arms = by_arm(recordings)
-    assert list(arms) == [
-        "nobodys+unknown+S-unknown", "ur5e+bad+S-bad", *[f"ur5e+cell-{k}+S-cell-{k}" for k in range(5)], "ur5e+still+S-still",
-    ]  # fmt: skip
-    assert [r.motion for r in arms["ur5e+cell-2+S-cell-2"]] == ["excitation", "validation"]
-    assert {r.started for r in recordings} == {"2026-01-01T00:00:00+00:00"}
-    assert [Path(address).name for address, _ in unknown] == ["junk.mcap"]
-
-
-def test_a_recording_that_was_never_finished_still_says_whose_it_is(tmp_path: Path) -> None:
-    nan = np.full(1, np.nan)
-    recorder = Recorder(tmp_path / "cut.mcap", ["a"], {"arm": "one"}, reserve=1 << 16)
-    for k in range(50):
-        recorder.write(JointState(k * 0.01, k * 0.01, np.zeros(1), nan, nan, nan, nan))
-    recordings, unknown = inventory(str(tmp_path))
-    recorder.close()
-    assert [r.arm for r in recordings] == ["one"]
-    assert unknown == []
-
-
-def test_what_is_no_file_is_listed_without_waiting_for_it(tmp_path: Path) -> None:
-    os.mkfifo(tmp_path / "pipe.mcap")
-    recordings, unknown = inventory(str(tmp_path))
-    assert recordings == []
-    assert ["not a regular file" in why for _, why in unknown] == [True]
-
-
-def test_a_recording_that_was_cut_short_still_says_whose_it_is(tmp_path: Path, ur5e: Arm) -> None:
-    write_recording(tmp_path / "cell" / "a.mcap", ur5e, ur5e, 1, seconds=2.0)
-    nan = np.full(1, np.nan)
-    with Recorder(tmp_path / "cell" / "b.mcap", ["a"], {"arm": "one"}) as recorder:
-        for k in range(5000):
-            recorder.write(JointState(k * 0.01, k * 0.01, np.array([np.sin(k)]), nan, nan, nan, nan))
-    for file in sorted((tmp_path / "cell").iterdir()):
-        data = file.read_bytes()
-        file.write_bytes(data[: 2 * len(data) // 3])
-    recordings, unknown = inventory(str(tmp_path))
-    assert [r.arm for r in recordings] == ["ur5e", "one"]
-    assert unknown == []
 
 
 def test_of_an_unknown_arm_the_places_of_models_are_named(
@@ -92,12 +47,6 @@ def test_a_copy_of_a_recording_counts_once(tmp_path: Path, ur5e: Arm) -> None:
     assert twice["status"] == "done"
     assert ["b.mcap: holds the same samples as" in why for why in twice["bad_logs"]] == [True]
     assert twice["values"] == once["values"]
-
-
-@pytest.mark.parametrize("address", ["nowhere", "nothing://there"])
-def test_a_folder_that_is_not_there_is_named(address: str) -> None:
-    with pytest.raises(ConfigError, match=address):
-        inventory(address)
 
 
 @pytest.mark.slow
@@ -236,7 +185,6 @@ def test_the_table_refuses_what_it_has_no_column_for(tmp_path: Path) -> None:
 @pytest.mark.parametrize("deaths", [1, pytest.param(ALLOWED_DEATHS + 1, marks=pytest.mark.slow)])
 def test_a_worker_that_dies_takes_only_what_kills_it(tmp_path: Path, deaths: int) -> None:
     def task(item: tuple[str, int, int]) -> int:
-        import os
         import signal
         from pathlib import Path
 
