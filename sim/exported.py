@@ -57,7 +57,7 @@ class ExportedArm:
             if key not in cls._known:
                 table = effects_table(model)
                 cls._known[key] = None if table is None else cls(model, table)
-                if len(cls._known) > MODELS:
+                while len(cls._known) > MODELS:
                     cls._known.popitem(last=False)
             cls._known.move_to_end(key)
             return cls._known[key]

@@ -63,7 +63,7 @@ _XLINK = "{http://www.w3.org/1999/xlink}href"
 # coordinates in points: a hundredth is far below a pixel
 _LONG_NUMBER = re.compile(r"(?<![\w#.-])(-?\d+\.\d\d)\d+(?![\w.])")
 _count = itertools.count(1)
-WIDTH = 10.5  # inches of every figure
+WIDTH = 10.5  # inches
 GAP = 20.0  # steps between two samples that are no neighbours
 
 
@@ -75,10 +75,12 @@ def axes(rows: int = 1, columns: int = 1, height: float = 2.4, **options: Any) -
     return figure, grid
 
 
-def mosaic(layout: Sequence[Sequence[str]], height: float = 2.4, **options: Any) -> tuple[Figure, dict[str, Axes]]:
-    """A figure of the house with named axes (matplotlib's subplot_mosaic); `height` is that of one row, inches."""
+def mosaic(
+    layout: Sequence[Sequence[str]], width: float = WIDTH, height: float = 2.4, **options: Any
+) -> tuple[Figure, dict[str, Axes]]:
+    """A figure of the house with named axes (matplotlib's subplot_mosaic); inches, `height` is that of one row."""
     with matplotlib.rc_context(_STYLE):
-        figure = Figure(figsize=(WIDTH, height * len(layout)), layout="constrained")
+        figure = Figure(figsize=(width, height * len(layout)), layout="constrained")
         return figure, figure.subplot_mosaic([list(row) for row in layout], **options)
 
 
