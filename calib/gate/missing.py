@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.optimize import nnls
+from scipy.optimize import lsq_linear
 
 from calib.gate.fit import LEAST_ROWS, SLOW, GravityFit, fitted, model_torque, moving
 from calib.gate.search import SURE_GAIN, GainStep, steps
@@ -66,15 +66,15 @@ def is_missing(arm: Arm, s: Signals, found: GainStep) -> bool:
         return True
     joints = found.correction.joints
     return any(
-        _explains(arm, s, plain, _joint_torque(arm, s, joints, columns), found.gain + SURE_GAIN)
-        for columns in (_spring, _coupling)
+        _explains(arm, s, plain, _joint_torque(arm, s, joints, columns, least), found.gain + SURE_GAIN)
+        for columns, least in ((_spring, 0.0), (_coupling, -np.inf))
     )
 
 
 def without_springs(arm: Arm, s: Signals, joints: Sequence[int]) -> Signals:
     """The rows without the torque of a spring at each of some joints where one explains SURE_GAIN more: its size is not that of masses."""
     tau = model_torque(arm, s)
-    beside = replace(s, load=s.load - _joint_torque(arm, s, joints, _spring))
+    beside = replace(s, load=s.load - _joint_torque(arm, s, joints, _spring, 0.0))
     with np.errstate(invalid="ignore", divide="ignore"):
         sprung = np.log(fitted(s, tau).left / fitted(beside, tau).left) > SURE_GAIN
     return replace(s, load=np.where(sprung, beside.load, s.load))
@@ -90,23 +90,26 @@ def _coupling(s: Signals, j: int) -> np.ndarray:
     if j == 0:
         return np.zeros((len(s), 0))
     before, own = s.dq[:, j - 1], s.dq[:, j]
-    one_way = [s.ddq[:, j - 1], before, *(np.tanh((own + ratio * before) / SLOW) for ratio in (-1.0, 1.0))]
-    return np.column_stack([sign * x for x in one_way for sign in (1.0, -1.0)])
+    return np.column_stack([s.ddq[:, j - 1], before, *(np.tanh((own + ratio * before) / SLOW) for ratio in (-1.0, 1.0))])
 
 
-def _joint_torque(arm: Arm, s: Signals, joints: Sequence[int], columns: Callable[[Signals, int], np.ndarray]) -> np.ndarray:
-    """(R, n) torque of the columns (R, k), none of them negative, fitted beside those of calib.gate.fit at some joints."""
+def _joint_torque(
+    arm: Arm, s: Signals, joints: Sequence[int], columns: Callable[[Signals, int], np.ndarray], least: float
+) -> np.ndarray:
+    """(R, n) torque of the columns (R, k), with coefficients of at least `least`, fitted beside those of calib.gate.fit at some joints."""
     tau, in_motion, out = model_torque(arm, s), moving(s), np.zeros(s.load.shape)
     for j in joints:
-        rows, extra = np.flatnonzero(in_motion[:, j]), columns(s, j)
+        rows, extra = np.flatnonzero(in_motion[:, j] & np.isfinite(s.load[:, j])), columns(s, j)
         if len(rows) < LEAST_ROWS or not extra.shape[1]:
             continue
         v = s.dq[:, j]
-        x = np.column_stack([tau[:, j], s.ddq[:, j], v, np.tanh(v / SLOW), extra])
+        own = np.column_stack([tau[:, j], s.ddq[:, j], v, np.tanh(v / SLOW)])
+        x = np.concatenate([own, extra], axis=1)
         x = x - x[rows].mean(axis=0)
         size = np.maximum(np.linalg.norm(x[rows], axis=0), 1e-12)
-        theta = nnls(x[rows] / size, s.load[rows, j] - s.load[rows, j].mean())[0] / size
-        out[:, j] = x[:, -extra.shape[1] :] @ theta[-extra.shape[1] :]
+        lowest = np.r_[np.zeros(own.shape[1]), np.full(extra.shape[1], least)]
+        theta = lsq_linear(x[rows] / size, s.load[rows, j] - s.load[rows, j].mean(), (lowest, np.inf)).x / size
+        out[:, j] = x[:, own.shape[1] :] @ theta[own.shape[1] :]
     return out
 
 

@@ -43,3 +43,16 @@ def test_a_spring_hides_no_exchanged_columns() -> None:
     log = sprung("ur10e", 32, 30.0)
     exchanged = log.tau[:, np.array([0, 1, 2, 4, 3, 5])]
     assert gate(arm("ur10e"), [replace(log, tau=exchanged)], family=family).refusal is not None
+
+
+def test_torques_that_are_missing_at_the_joint_in_question_are_no_crash() -> None:
+    """A reversed joint shows at the others too, so that it is asked about although its own torque is not known throughout."""
+    of = arm("ur10e")
+    log = recorded(of, within(of, fourier_motion(of, 31, 20.0, 100.0)), 3)
+    q, dq, tau, current = log.q.copy(), log.dq.copy(), log.tau.copy(), np.full_like(log.current, np.nan)
+    q[:, 2] *= -1
+    dq[:, 2] *= -1
+    tau[100:1500, 2] = np.nan
+    refusal = gate(of, [replace(log, q=q, dq=dq, tau=tau, current=current)], family=family).refusal
+    assert refusal is not None
+    assert "elbow_joint" in refusal
