@@ -8,13 +8,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import chdtri
 
-from calib.diagnosis.candidates import Key, acts_at, acts_everywhere
+from calib.diagnosis.candidates import Key, acts_at, acts_everywhere, of
 from calib.diagnosis.fit import Fit
 from calib.diagnosis.held_out import HeldOut
 from calib.diagnosis.hypothesis import CONTACT
 from calib.diagnosis.nuisance import POSITIVE
 from calib.diagnosis.prices import confidence, cost, price
-from calib.diagnosis.scoring import Bank, beside
+from calib.diagnosis.scoring import Bank, beside, scored
 from calib.diagnosis.selection import add, joints_of, without
 from calib.measurement.preprocessing import Measurement
 from calib.regression.robust import huber
@@ -34,9 +34,6 @@ LEAST_STATED, STATED = 6.0, frozenset(effect for effect, _, _ in POSITIVE)
 # constant offset against a friction that differs between directions (exam seeds 26112811, 26112821, 26112901): the wrong one ahead by up to 13.
 APART, APART_FRICTION, APART_SHARE, FRICTION = 8.0, 16.0, 0.02, "friction"
 MOST_RIVALS = 2
-# Share of what an effect brings, by which an imitator must bring more: six unknown effects of the exam were imitated by 12 % and beyond; springs that
-# were there by .7 % (fast motion hardly tells one from one that creeps) and by 2.2 % (a slide whose spring makes nearly all of its force).
-IMITATED = 0.05
 # Share of a name's own promise at which another candidate is fitted in its place; strong evidence tells more of them apart.
 PROMISE, PROMISE_STRONG, STRONG = 0.8, 0.95, 300.0
 SURER = 8.0  # -2 log likelihood beyond the price by which the odds of a name grow e times
@@ -214,20 +211,27 @@ def _one_sided(item: ArmEffect, fall: np.ndarray, best: Fit) -> bool:
 
 
 def _imitator(item: ArmEffect, rest: Fit, lost: float) -> tuple[str, float] | None:
-    """What imitates an effect and brings more in its place, beside everything that `rest` leaves free; and how much more: beyond APART and IMITATED."""
+    """What imitates an effect and brings more in its place, beside everything that `rest` leaves free; and how much more: beyond APART and APART_SHARE.
+
+    Compared with the effect's own linear promise where that is more: of a strong effect the exact fall is a fraction of it. The imitators of six
+    unknown effects of the exam brought 12 % more and beyond; fast motion hardly tells a spring from one that creeps, by .7 %.
+    """
     if item.joint is None:
         return None
-    j, rows, best = rest.hypothesis.arm.joint_index(item.joint), rest.solved.rows, None
+    names = rest.hypothesis.arm.joint_names
+    j, rows, found = names.index(item.joint), rest.solved.rows, dict[str, float]()
     per_log = [effect_named(item.effect).imitators(m.link, j) for m in rest.models]
     for what in per_log[0]:
         white = rows.whiten(
             rest.solved.noise, j, rows.take(j, [m.rows(x[what]) for m, x in zip(rest.models, per_log, strict=True)])
         )
         size = np.maximum(np.linalg.norm(white, axis=0), 1e-12)
-        more = float(rest.joint.gain({j: white / size})[0]) - lost
-        if more > max(APART, IMITATED * lost, best[1] if best else 0.0):
-            best = (what, more)
-    return best
+        found[what] = float(rest.joint.gain({j: white / size})[0])
+    if not found:
+        return None
+    own = scored(rest, {e.key for e in rest.accepted}, ask_contact=False, wanted=of(item, names))
+    brings, what = max([lost, *(s.gain for s in own)]), max(found, key=lambda what: found[what])
+    return (what, found[what] - brings) if found[what] - brings > max(APART, APART_SHARE * brings) else None
 
 
 def is_nothing(item: ArmEffect, std: dict[str, float]) -> bool:

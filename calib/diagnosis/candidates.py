@@ -40,6 +40,12 @@ def candidates(models: Sequence[LogModel], wanted: Wanted | None = None) -> Iter
                 yield Candidate(c.columns, c.combine, c.spread, effect.name, joint, number)
 
 
+def of(item: ArmEffect, joint_names: Sequence[str]) -> Wanted:
+    """The effect of `item` at its joint alone."""
+    at = None if item.joint is None else joint_names.index(item.joint)
+    return lambda effect, j: (effect.name, j) == (item.effect, at)
+
+
 def in_place_of(item: ArmEffect, joint_names: Sequence[str]) -> Wanted:
     """Whether an effect at a joint may stand for `item`: both change the torque of one joint."""
     at, everywhere = {joint_names.index(joint) for joint in acts_at(item, joint_names)}, acts_everywhere(item)

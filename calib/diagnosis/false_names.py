@@ -2,8 +2,8 @@
 
 LR is the fall of -2 log likelihood, usual_c the price of c, or what it alone brings in MOST_FALSE of recordings without an effect where that is
 more: a balanced test, in which one candidate that this motion feeds by chance hides none of the others (R. Beran 1988, Balanced Simultaneous
-Confidence Sets, J. Amer. Statist. Assoc. 83, 679-686). Its null distribution is simulated for this arm, this motion and this residual. The whitened residual of
-the fit is cut into blocks of BLOCK seconds and every block, of all joints, gets a random sign: a wild bootstrap (C. F. J. Wu 1986,
+Confidence Sets, J. Amer. Statist. Assoc. 83, 679-686). Its null distribution is simulated for this arm, this motion and this residual. The
+whitened residual of the fit is cut into blocks of BLOCK seconds and every block, of all joints, gets a random sign: a wild bootstrap (C. F. J. Wu 1986,
 doi:10.1214/aos/1176350142), in blocks because neighbouring rows and joints are not independent (X. Shao 2010,
 doi:10.1198/jasa.2009.tm08744). The nuisance is drawn from its prior and fitted again with the named effects, and every candidate is scored.
 The maximum over them counts how many were asked (P. H. Westfall, S. S. Young, Resampling-Based Multiple Testing, 1993; J. P. Romano, M. Wolf

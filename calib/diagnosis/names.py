@@ -101,7 +101,7 @@ def names_of(
 
 
 def _settled(fitted: Sequence[Measurement], best: Fit, apart: Sequence[Measurement]) -> tuple[list[Assessed], list[str], Fit]:
-    """What is left of `best` when one effect after the other has left that fails its test, the sentences on those, and the fit without them."""
+    """The effects of `best` that pass their tests, one after the other removed that fails, why each of those was, and the fit without them."""
     vetoed: list[str] = []
     while True:
         assessed = assess(fitted, best, apart)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.diagnosis.admissible import plausible
-from calib.diagnosis.candidates import Candidate, Key, candidates
+from calib.diagnosis.candidates import Candidate, Key, candidates, of
 from calib.diagnosis.contact import contacts, felt, push_columns
 from calib.diagnosis.hypothesis import CONTACT
 from calib.diagnosis.model import LogModel
@@ -95,9 +95,8 @@ def same_candidate(s: ScoredChange, models: list[LogModel]) -> Candidate | None:
     """The same candidate, at the same point of its shape, on other logs."""
     if s.candidate is None:
         return None
-    number, at = s.candidate.number, None if s.effect.joint is None else models[0].arm.joint_index(s.effect.joint)
-    there = candidates(models, lambda effect, j: (effect.name, j) == (s.effect.effect, at))
-    return next((c for c in there if c.number == number), None)
+    there = candidates(models, of(s.effect, models[0].arm.joint_names))
+    return next((c for c in there if c.number == s.candidate.number), None)
 
 
 def _spread(s: ScoredChange) -> dict[str, float]:

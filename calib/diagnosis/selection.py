@@ -41,7 +41,7 @@ class SearchResult:
 
     @cached_property
     def rests(self) -> list[Rest]:
-        """Per joint, what is left of the recordings."""
+        """Per joint the residual of the best fit beside the noise."""
         return rests(self.baseline, self.best)
 
     @property

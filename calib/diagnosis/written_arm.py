@@ -95,7 +95,7 @@ def ways_of(
     ways = [WrittenArm.of(x, (), start, shown) for x in changes]
     rms, lawful = ways[-1].rms, refit
     if kept is not None:
-        ways += [*_where_better(f, split, ways[-1], kept, shown, limits), *_own_kept(ways[-2], kept, start, shown)]
+        ways += [*_where_better(f, split, ways[-1], kept, shown, limits), *own_kept(ways[-2], kept, start, shown)]
     bare = (1 + WORSE) * _as_read(refit.change.of(start), shown)
     slides = sum(m.measurement.row_usable.sum(axis=0) / m.measurement.decimator.row_rate for m in f.models)
     only: Sequence[int] = np.flatnonzero(slides >= LEAST_SLIDING).tolist()
@@ -139,8 +139,8 @@ def _where_better(
     return [way] if held else []
 
 
-def _own_kept(way: WrittenArm, kept: WrittenArm, start: Arm, shown: Sequence[Measurement]) -> list[WrittenArm]:
-    """The same with friction, rotor and offset as they were of the joints that it predicts worse than the arm as it was; nothing without such."""
+def own_kept(way: WrittenArm, kept: WrittenArm, start: Arm, shown: Sequence[Measurement]) -> list[WrittenArm]:
+    """The same arm, where it predicts joints worse than the arm as it was, with their friction, rotor and offset as they were; else nothing."""
     spoilt = {start.joint_names[j] for j in np.flatnonzero(way.rms > (1 + WORSE) * kept.rms)}
     effects = tuple(e for e in way.change.effects if e.effect not in ORDINARY or e.joint not in spoilt)
     return [WrittenArm.of(replace(way.change, effects=effects), (), start, shown)] if spoilt else []

@@ -163,14 +163,14 @@ def _where(page: Page, diagnosis: Mapping[str, Any], evidence: Mapping[str, Any]
     gap = diagnosis.get("gap") or {}
     levels = over_noise(gap)
     if all(np.isfinite(x).any() for x in levels.values()) and len(levels) > 1:
-        sliding = (
-            " of the residual while a joint slides"
+        what = (
+            "Residual RMS while a joint slides"
             if "baseline" not in diagnosis
-            else " of what the healthy recordings do not explain"
+            else "RMS of the residual that the healthy recordings do not explain"
         )
         page.figure(
             pictures.gaps(gap["joints"], levels),
-            f"RMS on the {_which(gap)} {gap['log']}{sliding}, over its own noise floor. {gained(diagnosis)}",
+            f"{what}, over the noise floor of each joint: {_which(gap)} {gap['log']}. {gained(diagnosis)}",
         )
     for j in _joints_in_question(diagnosis, names):
         residuals = {role: tau[:, j] - value[:, j] for role, value in predicted.items()}

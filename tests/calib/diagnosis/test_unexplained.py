@@ -149,6 +149,20 @@ def test_what_imitates_an_effect_is_not_given_its_name(ur10e: Arm, hidden: Hidde
     assert any(x.startswith(imitated) and words in x for x in found["refused"])
 
 
+def test_a_strong_effect_is_not_taken_for_what_imitates_it(ur10e: Arm) -> None:
+    """Robust weights take away most of what a strong spring brings, and of the linear promise of an imitator nothing."""
+
+    def spring(motion: Trajectory, tau: np.ndarray) -> np.ndarray:
+        out = np.zeros_like(tau)
+        out[:, WRIST] = 12.0 * (motion.q[:, WRIST] + 1.4)
+        return out
+
+    found = asked(ur10e, spring).answer
+    (effect,) = found["effects"]
+    assert (effect["effect"], effect["joint"]) == ("joint_spring", "wrist_1_joint")
+    assert effect["parameters"]["stiffness"]["value"] == pytest.approx(12.0, rel=0.02)
+
+
 @pytest.mark.parametrize("gap", [0.0, 0.15, 0.45])
 def test_a_tone_is_found_on_both_sides_of_a_gap(ur10e: Arm, gap: float) -> None:
     frequency, models, residuals = 3.3, [], []

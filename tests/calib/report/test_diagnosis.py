@@ -127,11 +127,11 @@ def test_a_page_without_a_sliding_joint_has_no_picture_of_noise(tmp_path: Path) 
     some = [0.15, 0.18, 0.15, 0.15, 0.15, None]
     data["gap"]["sliding"] = dict.fromkeys(("before", "refit", "after"), some)
     page = diagnosis.write(tmp_path / "page.html", data, evidence).read_text()
-    assert "while a joint slides, over its own noise floor" in page
+    assert "while a joint slides, over the noise floor of each joint" in page
     assert "after, sliding [N m]" in page
     data["gap"]["sliding"] = dict.fromkeys(("before", "refit", "after"), [None] * 6)
     page = diagnosis.write(tmp_path / "page.html", data, evidence).read_text()
-    assert "while a joint slides, over its own noise floor" not in page
+    assert "while a joint slides, over the noise floor of each joint" not in page
 
 
 def test_parameters_that_are_off_are_refitted_where_no_effect_is_missing() -> None:

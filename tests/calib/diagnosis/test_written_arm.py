@@ -1,0 +1,42 @@
+"""A fit as an arm folder can hold it: what the arm as it was predicts better stays as it was."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from calib.diagnosis.corrected import ArmChange
+from calib.diagnosis.motion import measured, warmed
+from calib.diagnosis.written_arm import WrittenArm, own_kept
+from calib.measurement.preprocessing import Measurement
+from sim.arm import Arm, ArmEffect
+from tests.calib.diagnosis.conftest import recording
+
+ELBOW, WRIST = "elbow_joint", "wrist_1_joint"
+
+
+@pytest.fixture(scope="module")
+def shown(ur10e: Arm) -> list[Measurement]:
+    return warmed([measured(recording(ur10e, 3), ur10e)])
+
+
+def moved(**viscous: float) -> ArmChange:
+    """The arm with other viscous friction."""
+    return ArmChange({}, tuple(ArmEffect("viscous_friction", joint, {"viscous": value}) for joint, value in viscous.items()))
+
+
+def test_the_joint_that_a_refit_predicts_worse_keeps_its_own_friction(ur10e: Arm, shown: list[Measurement]) -> None:
+    """Of two joints whose friction was moved one is predicted worse: that one alone is as it was."""
+    own = ur10e.effect("viscous_friction", WRIST)
+    assert own is not None
+    kept = WrittenArm.of(ArmChange({}, ()), (), ur10e, shown)
+    change = moved(**{ELBOW: 80.0, WRIST: own.parameters["viscous"]})
+    (way,) = own_kept(WrittenArm.of(change, (), ur10e, shown), kept, ur10e, shown)
+    assert [e.joint for e in way.change.effects] == [WRIST]
+    assert way.rms == pytest.approx(kept.rms)
+
+
+def test_a_refit_that_predicts_no_joint_worse_is_no_other_way(ur10e: Arm, shown: list[Measurement]) -> None:
+    kept = WrittenArm.of(ArmChange({}, ()), (), ur10e, shown)
+    assert own_kept(kept, kept, ur10e, shown) == []
+    assert np.all(kept.rms > 0)
