@@ -20,7 +20,7 @@ from calib.gate.check import CONVERT, LIKELIEST, MOST_CAUSES, OTHERS, Cause, Gat
 from calib.gate.compensation import compensated
 from calib.gate.correction import AS_RECORDED, assumed
 from calib.gate.fit import LEAST_SECONDS, GravityFit, fitted, model_torque
-from calib.gate.missing import is_missing, mounting_torque, without_springs
+from calib.gate.missing import is_missing, mounting_torque, without_mounting, without_springs
 from calib.gate.saturation import LEAST_BELOW, below_limits, saturated
 from calib.gate.search import GainStep, doubtful, steps
 from calib.gate.signals import SHIFTS, Signals, signals
@@ -157,9 +157,10 @@ def _physics(arm: Arm, logs: Sequence[Log], family: Callable[[], Sequence[Arm]] 
     ties = [step for step in rivals[: MOST_CAUSES - 1] if step.gain > found[0].gain - TIE] if found else []
     fit = fitted(s, model_torque(arm, s))
     sizes = scale.causes(arm, s, fit, from_current, known)
-    if at := {j for cause in sizes for c in cause.corrections for j in c.joints}:
-        beside = without_springs(arm, s, sorted(at))
-        sizes = scale.causes(arm, beside, fitted(beside, model_torque(arm, beside)), from_current, known)
+    if sizes:
+        at = sorted({j for cause in sizes for c in cause.corrections for j in c.joints})
+        for beside in (without_springs(arm, s, at), without_mounting(arm, s, fit)):
+            sizes = sizes and scale.causes(arm, beside, fitted(beside, model_torque(arm, beside)), from_current, known)
     other = _other(arm, s, fit, sizes, family) if known else None
     out.append(_columns(arm, before, found, ties, np.log(fitted(before, model_torque(arm, before)).left / fit.left)))
     out.append(_sizes(arm, sizes, other))
@@ -233,8 +234,8 @@ def _other(
 
 
 def _loaded(arm: Arm, s: Signals, fit: GravityFit, scaled: bool) -> tuple[float, float]:
-    """`_merit` of the arm with a load at its flange, as `mounting_torque` finds it."""
-    held = replace(s, load=s.load - mounting_torque(arm, s, fit, tilt=False, scaled=scaled))
+    """`_merit` of the arm with what is mounted, as `mounting_torque` finds it."""
+    held = replace(s, load=s.load - mounting_torque(arm, s, fit, scaled=scaled))
     loaded = fitted(held, model_torque(arm, held))
     return _merit(replace(loaded, size=fit.size), scale.scale_of(arm, held, loaded).log_scale)
 

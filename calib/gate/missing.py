@@ -17,19 +17,18 @@ from sim.rigid_body import RigidBody
 LIGHT = 0.05  # of the arm's mass, that a load may come out below zero where the model's own masses are too large
 
 
-def mounting_torque(arm: Arm, s: Signals, fit: GravityFit, tilt: bool = True, scaled: bool = True) -> np.ndarray:
-    """(R, n) torque of a load at the flange (a mass and its centre), and with `tilt` of a tilted base and a constant pull on the last link, that
-    explain best what `fit` leaves. scaled: every joint's readings may have a scale of their own; else the arm's masses are as stated.
+def mounting_torque(arm: Arm, s: Signals, fit: GravityFit, scaled: bool = True) -> np.ndarray:
+    """(R, n) torque of a load at the flange (a mass and its centre), a tilted base and a constant pull on the last link that together explain
+    best what `fit` leaves. scaled: every joint's readings may have a scale of their own; else the arm's masses are as stated.
 
-    Zero where the load would be none: a tool, a workpiece, a wedge below the base and a hose make neither another arm nor another column.
+    The load has a mass that an arm carries. A tool, a workpiece, a wedge below the base and a hose make neither another arm nor another column.
     """
     body, tau = RigidBody(arm), model_torque(arm, s)
-    columns = body.regressor(s.q, s.dq, s.ddq)[:, :, 10 * (arm.n - 1) : 10 * (arm.n - 1) + 4]
-    if tilt:  # gravity keeps its size
-        level = np.linalg.svd(arm.tree.gravity[None])[2][1:]
-        tilted = [body.inverse_dynamics(s.q, s.dq, s.ddq, arm.tree.gravity + way) - tau for way in level]
-        pulled = np.swapaxes(body.jacobian(s.q)[0], 1, 2)
-        columns = np.concatenate([columns, np.stack(tilted, axis=2), pulled], axis=2)
+    loaded = body.regressor(s.q, s.dq, s.ddq)[:, :, 10 * (arm.n - 1) : 10 * (arm.n - 1) + 4]
+    level = np.linalg.svd(arm.tree.gravity[None])[2][1:]  # gravity keeps its size
+    tilted = [body.inverse_dynamics(s.q, s.dq, s.ddq, arm.tree.gravity + way) - tau for way in level]
+    pulled = np.swapaxes(body.jacobian(s.q)[0], 1, 2)
+    columns = np.concatenate([loaded, np.stack(tilted, axis=2), pulled], axis=2)
     x, y = [], []
     in_motion = moving(s)
     for j in range(s.n):
@@ -45,9 +44,12 @@ def mounting_torque(arm: Arm, s: Signals, fit: GravityFit, tilt: bool = True, sc
         y.append(rest[:, -1])
     if not x:
         return np.zeros_like(tau)
-    found = np.linalg.lstsq(np.concatenate(x), np.concatenate(y), rcond=1e-6)[0]
-    if not -LIGHT < found[0] / arm.tree.mass.sum() < 1.0:
-        return np.zeros_like(tau)
+    # a small motion hardly distinguishes a mass from a constant pull downwards
+    lowest, most = np.full(columns.shape[2], -np.inf), np.full(columns.shape[2], np.inf)
+    lowest[0], most[0] = -LIGHT * arm.tree.mass.sum(), arm.tree.mass.sum()
+    design = np.concatenate(x)
+    size = np.maximum(np.linalg.norm(design, axis=0), 1e-12)
+    found = lsq_linear(design / size, np.concatenate(y), (lowest * size, most * size)).x / size
     out: np.ndarray = columns @ found
     return out
 
@@ -78,6 +80,13 @@ def without_springs(arm: Arm, s: Signals, joints: Sequence[int]) -> Signals:
     with np.errstate(invalid="ignore", divide="ignore"):
         sprung = np.log(fitted(s, tau).left / fitted(beside, tau).left) > SURE_GAIN
     return replace(s, load=np.where(sprung, beside.load, s.load))
+
+
+def without_mounting(arm: Arm, s: Signals, fit: GravityFit) -> Signals:
+    """The rows without a load, a tilted base and a constant pull where these explain SURE_GAIN more than `fit` with the masses as they are stated."""
+    beside = replace(s, load=s.load - mounting_torque(arm, s, fit, scaled=False))
+    ratio = np.log(fit.left / fitted(beside, model_torque(arm, s)).left)
+    return beside if float(ratio[np.isfinite(ratio)].sum()) > SURE_GAIN else s
 
 
 def _spring(s: Signals, j: int) -> np.ndarray:

@@ -1,27 +1,65 @@
-"""A spring at a joint or a coupled transmission is no wrong reading; a wrong reading of such an arm is still one."""
+"""A spring at a joint, a coupled transmission or a pull at the tool is no wrong reading; a wrong reading of such an arm is still one."""
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from benchmarks.known_truth import fourier_motion, recorded
+from benchmarks.known_truth import HOME, fourier_motion, recorded
 from benchmarks.wrong_data import arm, family, within
 from calib.gate import gate
 from logs.log import Log
-from sim.arm import ArmEffect
+from sim.arm import Arm, ArmEffect
 from sim.effects import with_effect
+from sim.trajectory import Trajectory
 
 WRIST = "wrist_3_joint"
 
 
 def sprung(name: str, motion: int, stiffness: float) -> Log:
     """A recording of an arm with a spring at its last joint."""
+    return beside(name, motion, ArmEffect("joint_spring", WRIST, {"stiffness": stiffness, "rest_angle": 0.0}))
+
+
+def beside(name: str, motion: int, effect: ArmEffect) -> Log:
+    """A recording of an arm with an effect."""
     of = arm(name)
-    truth = with_effect(of, ArmEffect("joint_spring", WRIST, {"stiffness": stiffness, "rest_angle": 0.0}))
-    return recorded(truth, within(of, fourier_motion(of, motion, 20.0, 100.0)), 3)
+    return recorded(with_effect(of, effect), within(of, fourier_motion(of, motion, 20.0, 100.0)), 3)
+
+
+def small(of: Arm, motion: int) -> Trajectory:
+    """A motion of 0.9 rad to either side."""
+    wide = within(of, fourier_motion(of, motion, 20.0, 100.0))
+    way = wide.q - wide.q.mean(axis=0)
+    by = np.minimum(1.0, 0.9 / np.abs(way).max(axis=0))
+    return Trajectory(wide.t, HOME + by * way, by * wide.dq, by * wide.ddq)
+
+
+PULLS = (
+    ArmEffect("tool_force", None, {"force_x": x, "force_y": y, "force_z": z})
+    for x, y, z in ((7.0, -19.0, -15.0), (19.0, -23.0, 4.0))
+)
+LOAD = ArmEffect("payload", None, {"mass": 3.0, "com_x": 0.0, "com_y": 0.0, "com_z": 0.05})
+
+
+@pytest.mark.parametrize(("motion", "effect"), [*itertools.product((31, 34), PULLS), (32, LOAD)])
+def test_what_is_mounted_is_neither_another_unit_nor_another_arm(motion: int, effect: ArmEffect) -> None:
+    """25 to 30 N at the flange of an arm of 4 kg are most of what its joints bear."""
+    of = arm("servo6")
+    log = recorded(with_effect(of, effect), small(of, motion), 3)
+    assert gate(of, [log], family=family).refusal is None
+    assert gate(of, [replace(log, tau=log.tau * 1000.0)], family=family).refusal is not None
+
+
+@pytest.mark.parametrize("motion", [31, 33, 35])
+def test_a_load_hides_no_other_arm_in_a_small_motion(motion: int) -> None:
+    other = next(a for a in family() if a.name == "ur5e")
+    refusal = gate(arm("ur10e"), [recorded(other, small(other, motion), motion)], family=family).refusal
+    assert refusal is not None
+    assert "recording of ur5e" in refusal
 
 
 @pytest.mark.parametrize(("name", "motion", "stiffness"), [("ur10e", 32, 30.0), ("ur10e", 31, 30.0), ("servo6", 32, 8.0)])
