@@ -38,10 +38,10 @@ def small(of: Arm, motion: int) -> Trajectory:
     return Trajectory(wide.t, HOME + by * way, by * wide.dq, by * wide.ddq)
 
 
-PULLS = (
+PULLS = [
     ArmEffect("tool_force", None, {"force_x": x, "force_y": y, "force_z": z})
     for x, y, z in ((7.0, -19.0, -15.0), (19.0, -23.0, 4.0))
-)
+]
 LOAD = ArmEffect("payload", None, {"mass": 3.0, "com_x": 0.0, "com_y": 0.0, "com_z": 0.05})
 
 
@@ -52,6 +52,14 @@ def test_what_is_mounted_is_neither_another_unit_nor_another_arm(motion: int, ef
     log = recorded(with_effect(of, effect), small(of, motion), 3)
     assert gate(of, [log], family=family).refusal is None
     assert gate(of, [replace(log, tau=log.tau * 1000.0)], family=family).refusal is not None
+
+
+def test_what_is_mounted_is_found_where_torques_of_a_joint_are_missing() -> None:
+    of = arm("servo6")
+    log = recorded(with_effect(of, PULLS[0]), small(of, 34), 3)
+    tau = log.tau.copy()
+    tau[100:900, 1] = np.nan
+    assert gate(of, [replace(log, tau=tau)], family=family).refusal is None
 
 
 @pytest.mark.parametrize("motion", [31, 33, 35])
