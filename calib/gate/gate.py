@@ -219,23 +219,24 @@ def _other(
     ):
         return None
     shape, size = _merit(fit, log_scale - (np.nanmedian(log_scale) if sizes else 0.0))
-    shape = max(shape, _loaded(arm, s, fit, scaled=True)[0])
-    shape, size = max((shape, size), _loaded(arm, s, fit, scaled=False), key=sum)
+    shape = max(shape, _loaded(arm, s, fit, tilt=False, scaled=True)[0])
+    shape, size = max((shape, size), _loaded(arm, s, fit, tilt=False, scaled=False), key=sum)
+    mounted = sum(_loaded(arm, s, fit, tilt=True, scaled=False))
     best: Cause | None = None
     for candidate in family():
         if candidate.n != arm.n or candidate.name == arm.name:
             continue
         as_other = fitted(s, model_torque(candidate, s))
         their_shape, their_size = _merit(as_other, scale.scale_of(candidate, s, as_other).log_scale)
-        gain = their_shape + their_size - shape - size
+        gain = their_shape + their_size - max(shape + size, mounted)
         if their_shape - shape > OTHER_SHAPE and gain > OTHER_GAIN and (best is None or gain > best.gain):
             best = Cause(f"it is a recording of {candidate.name}", gain)
     return best
 
 
-def _loaded(arm: Arm, s: Signals, fit: GravityFit, scaled: bool) -> tuple[float, float]:
+def _loaded(arm: Arm, s: Signals, fit: GravityFit, tilt: bool, scaled: bool) -> tuple[float, float]:
     """`_merit` of the arm with what is mounted, as `mounting_torque` finds it."""
-    held = replace(s, load=s.load - mounting_torque(arm, s, fit, scaled=scaled))
+    held = replace(s, load=s.load - mounting_torque(arm, s, fit, tilt, scaled))
     loaded = fitted(held, model_torque(arm, held))
     return _merit(replace(loaded, size=fit.size), scale.scale_of(arm, held, loaded).log_scale)
 

@@ -17,18 +17,19 @@ from sim.rigid_body import RigidBody
 LIGHT = 0.05  # of the arm's mass, that a load may come out below zero where the model's own masses are too large
 
 
-def mounting_torque(arm: Arm, s: Signals, fit: GravityFit, scaled: bool = True) -> np.ndarray:
-    """(R, n) torque of a load at the flange (a mass and its centre), a tilted base and a constant pull on the last link that together explain
-    best what `fit` leaves. scaled: every joint's readings may have a scale of their own; else the arm's masses are as stated.
+def mounting_torque(arm: Arm, s: Signals, fit: GravityFit, tilt: bool = True, scaled: bool = True) -> np.ndarray:
+    """(R, n) torque of a load at the flange (a mass and its centre), and with `tilt` of a tilted base and a constant pull on the last link, that
+    explain best what `fit` leaves. scaled: every joint's readings may have a scale of their own; else the arm's masses are as stated.
 
-    The load has a mass that an arm carries. A tool, a workpiece, a wedge below the base and a hose make neither another arm nor another column.
+    The load has a mass that an arm carries; alone, it is zero where it would have none. A tool, a workpiece, a wedge below the base and a hose make neither another arm nor another column.
     """
     body, tau = RigidBody(arm), model_torque(arm, s)
-    loaded = body.regressor(s.q, s.dq, s.ddq)[:, :, 10 * (arm.n - 1) : 10 * (arm.n - 1) + 4]
-    level = np.linalg.svd(arm.tree.gravity[None])[2][1:]  # gravity keeps its size
-    tilted = [body.inverse_dynamics(s.q, s.dq, s.ddq, arm.tree.gravity + way) - tau for way in level]
-    pulled = np.swapaxes(body.jacobian(s.q)[0], 1, 2)
-    columns = np.concatenate([loaded, np.stack(tilted, axis=2), pulled], axis=2)
+    columns = body.regressor(s.q, s.dq, s.ddq)[:, :, 10 * (arm.n - 1) : 10 * (arm.n - 1) + 4]
+    if tilt:  # gravity keeps its size
+        level = np.linalg.svd(arm.tree.gravity[None])[2][1:]
+        tilted = [body.inverse_dynamics(s.q, s.dq, s.ddq, arm.tree.gravity + way) - tau for way in level]
+        pulled = np.swapaxes(body.jacobian(s.q)[0], 1, 2)
+        columns = np.concatenate([columns, np.stack(tilted, axis=2), pulled], axis=2)
     x, y = [], []
     in_motion = moving(s)
     for j in range(s.n):
@@ -49,8 +50,10 @@ def mounting_torque(arm: Arm, s: Signals, fit: GravityFit, scaled: bool = True) 
     lowest[0], most[0] = -LIGHT * arm.tree.mass.sum(), arm.tree.mass.sum()
     design = np.concatenate(x)
     size = np.maximum(np.linalg.norm(design, axis=0), 1e-12)
-    found = lsq_linear(design / size, np.concatenate(y), (lowest * size, most * size)).x / size
-    out: np.ndarray = columns @ found
+    found = lsq_linear(design / size, np.concatenate(y), (lowest * size, most * size))
+    if not tilt and found.active_mask[0]:  # beside nothing else, a load that is none
+        return np.zeros_like(tau)
+    out: np.ndarray = columns @ (found.x / size)
     return out
 
 
