@@ -50,7 +50,7 @@ def pickup(frequency: float) -> Hidden:
     return hidden
 
 
-@pytest.mark.parametrize("frequency", [2.83, 6.17])
+@pytest.mark.parametrize("frequency", [2.83, pytest.param(6.17, marks=pytest.mark.slow)])
 def test_an_oscillation_in_time_alone_is_reported_with_its_frequency(ur10e: Arm, frequency: float) -> None:
     found = asked(ur10e, pickup(frequency)).answer
     (depends,) = unexplained_at(found, "wrist_1_joint")
@@ -60,7 +60,7 @@ def test_an_oscillation_in_time_alone_is_reported_with_its_frequency(ur10e: Arm,
     assert variable(depends) == f"a constant oscillation of {value}"
 
 
-@pytest.mark.parametrize(("frequency", "inertia"), [(0.8, 4.0), (0.55, 2.0)])
+@pytest.mark.parametrize(("frequency", "inertia"), [(0.8, 4.0), pytest.param(0.55, 2.0, marks=pytest.mark.slow)])
 def test_a_mass_that_swings_behind_a_joint_is_reported_as_a_resonance(ur10e: Arm, frequency: float, inertia: float) -> None:
     def slosh(motion: Trajectory, tau: np.ndarray) -> np.ndarray:
         out, w, dt = np.zeros_like(tau), 2 * np.pi * frequency, motion.t[1] - motion.t[0]
@@ -179,7 +179,7 @@ def test_a_tone_is_found_on_both_sides_of_a_gap(ur10e: Arm, gap: float) -> None:
     assert min(found.gains) > 8.0
 
 
-@pytest.mark.parametrize("seed", [1, 21, 51])
+@pytest.mark.parametrize("seed", [1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (21, 51))])
 def test_noise_in_many_columns_is_no_structure_without_a_held_out_recording(seed: int) -> None:
     """Hats over a turn take as much of it as they are many: these three recordings had friction at one angle."""
     arm = load_arm("servo6")
