@@ -23,8 +23,8 @@ from rich.table import Table
 
 from benchmarks import ONE_THREAD, results
 
-# each is a module of this package with run(...) -> rows of what, value, unit, bar, note, and MEASURES, the paths whose change outdates them (all
-# packages where it has none); here with what it is given when none is named
+# each is a module of this package with run(...) -> rows of what, value, unit, bar, note, and MEASURES, the paths and modules whose change outdates them
+# (the module itself where it has none); here with what it is given when none is named
 TOPICS: dict[str, dict[str, Any]] = {
     "identification": {},
     "derivatives": {},
@@ -117,7 +117,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
             measured = [{"what": "could not be measured", "value": "failed", "note": f"{type(error).__name__}: {error}"}]
         else:
             line = f"python -m benchmarks {'--quick ' * few}{topic}"
-            measures = getattr(module, "MEASURES", results.CODE)
+            measures = getattr(module, "MEASURES", (f"benchmarks.{topic}",))
             results.write(topic.replace(".", "_"), measured, command=line, measures=measures, load_before=round(load, 2))
         took = f"{topic}: {time.perf_counter() - began:.0f} s, load average {load:.1f} before, {os.getloadavg()[0]:.1f} after"
         console.print(took)

@@ -27,13 +27,15 @@ from rich.console import Console
 from rich.table import Table
 
 from benchmarks import ONE_THREAD
+from benchmarks.imports import commands, git
 from benchmarks.kept import FOLDER, Kept
 from benchmarks.published_arms import ARMS, DRIVES, FACTS, GIVEN, SHEET, cell_text
-from benchmarks.results import CODE, digest, git
+from benchmarks.results import digest
 from sim.arm import Arm, load_arm
 from sim.errors import AnswerIsNo
 from sim.stated_facts import LIMIT_UNITS
 
+MEASURES = ("benchmarks.arms", *commands("arm", "check", "plan", "record", "identify", "diagnose", "export"))
 STEPS = ("new", "check", "plan", "record", "identify", "diagnose", "export")
 # of a row and how it comes about; another one makes earlier rows worthless
 ROW = "arms/2"
@@ -171,7 +173,7 @@ def run(minutes: float = 30.0, names: Sequence[str] = tuple(ARMS)) -> list[dict[
     Arms that were never tried come first, then those that failed on other code than this, then those that came through on other code.
     """
     end = time.monotonic() + 60 * minutes
-    code = " ".join(digest(path) for path in CODE)
+    code = " ".join(digest(path) for path in MEASURES)
     kept = Kept(FOLDER / "arms.jsonl", ROW)
     found = kept.found
     old = [name for name in names if name in found and found[name]["code"] != code]

@@ -34,7 +34,7 @@ from sim.emulated.can.bus import build_bus
 from sim.emulated.can.stepped import SteppedBus
 from sim.errors import DeviceError
 
-MEASURES = ("drivers", "safety", "logs", "sim")
+MEASURES = ("benchmarks.can", "drivers/can_servo")
 RATE = 200.0
 PRIORITY = 40
 SPEED, REACH = 0.5, 0.25  # rad/s of every joint when a fault comes, rad from where it started

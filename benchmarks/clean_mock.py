@@ -38,15 +38,7 @@ from sim.trajectory import Trajectory
 COUNT = 100
 RATE = 250.0  # Hz, of the demo
 LONGEST = 3600.0  # s that one session may take, on a computer that is busy with other things
-MEASURES = (
-    "calib/diagnosis",
-    "calib/identification",
-    "calib/regression",
-    "calib/measurement",
-    "sim",
-    "drivers/mock.py",
-    "benchmarks/clean_mock.py",
-)
+MEASURES = ("benchmarks.clean_mock",)
 
 
 def driven(driver: Driver, motion: Trajectory, rate: float) -> Log:

@@ -13,7 +13,6 @@ from sim.arm import Arm, load_arm
 from sim.prediction import predict
 from sim.trajectory import Trajectory
 
-MEASURES = ("logs",)
 ARM, RATE, FINE = "ur10e", 500.0, 4000.0
 HOME = np.array([0.0, -1.4, 1.3, -1.4, -1.2, 0.3])
 MINUTE = 30_000

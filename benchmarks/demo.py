@@ -37,9 +37,7 @@ from sim.trajectory import Trajectory
 COUNT = 200
 CELL = "mock-ur10e"
 LONGEST = 3600.0  # s that one seed may take, on a computer that is busy with other things
-MEASURES = (
-    "calib/diagnosis", "calib/regression", "calib/measurement", "calib/excitation", "calib/demo.py", "sim", "drivers/mock.py", "benchmarks/demo.py",
-)  # fmt: skip
+MEASURES = ("benchmarks.demo",)
 
 
 def hidden_in(seed: int, folder: Path) -> tuple[Arm, Cell, ArmEffect]:

@@ -21,12 +21,6 @@ from calib.measurement.derivatives import DerivativeFilter
 from calib.measurement.filtering import Decimator
 from sim.arm import load_arm
 
-MEASURES = (
-    "calib/measurement/preprocessing.py",
-    "calib/measurement/exclusions.py",
-    "calib/measurement/joint_torque.py",
-    "calib/measurement/filtering.py",
-)
 CUTOFF, SLOW_CUTOFF = 8.0, 2.0
 PERIODS, SECONDS = 3, 10.0
 NOISES = (2e-5, 1e-3)

@@ -25,7 +25,7 @@ from calib.identification.model import TorqueModel
 from sim.arm import load_arm
 
 TIMES = 20
-MEASURES = ("calib/excitation", "safety", "sim")
+MEASURES = ("benchmarks.excitation",)
 
 
 def _problem() -> tuple[Site, Information, Fourier]:

@@ -19,7 +19,7 @@ from benchmarks.hidden import BOX, LOAD, HiddenBox, load_lost, with_load, withou
 from benchmarks.injection import Injection
 from benchmarks.kept import FOLDER, Kept
 from benchmarks.reaction import Run, Trouble, Watched
-from benchmarks.results import ROOT, digest
+from benchmarks.results import digest
 from drivers.mock import MockDriver
 from sim.arm import Arm
 from sim.cell import Cell, load_arm_of, load_cell
@@ -115,24 +115,7 @@ TROUBLES = (
 )  # fmt: skip
 CELL = "mock-ur10e"
 LONGEST = 60.0  # s that a run may take
-# files of safety/ that a run on the mock does not use: they begin, show, approve and watch real ones
-ASIDE = ("approval", "approach", "audit", "board", "confirmation", "control", "control_process", "execution", "gravity_sweep", "hold_key",
-         "joint_test", "latency", "legs", "manifest", "plausible", "realtime", "run_progress", "signs", "stages", "monitor_link", "second_look", "verified_samples", "watching")  # fmt: skip
-# what the outcome of a run depends on
-MEASURES = (
-    *(f"safety/{file.name}" for file in sorted((ROOT / "safety").glob("*.py")) if file.stem not in ASIDE),
-    "drivers/mock.py",
-    "sim/encoders.py",
-    "sim/instant.py",
-    "sim/plant.py",
-    "sim/plant_model.py",
-    "sim/torque_history.py",
-    "sim/rigid_body.py",
-    "benchmarks/faults.py",
-    "benchmarks/hidden.py",
-    "benchmarks/injection.py",
-    "benchmarks/reaction.py",
-)
+MEASURES = ("benchmarks.faults",)
 
 
 def run(minutes: float = 10.0, repeats: int = 200) -> list[dict[str, Any]]:

@@ -25,6 +25,7 @@ import logs
 import safety
 import sim
 from benchmarks.forked import forked, warm
+from benchmarks.imports import commands
 from benchmarks.kept import FOLDER, Kept
 from benchmarks.results import digest
 from benchmarks.ur_cell import ur_cell
@@ -40,7 +41,7 @@ from sim.emulated.ur.emulator import UrEmulator
 from sim.emulated.ur.robot import PAUSED, PLAYING
 from sim.errors import CalibError
 
-MEASURES = ("drivers", "sim/emulated", "calib/commands", "benchmarks/first_day.py")
+MEASURES = ("benchmarks.first_day", "drivers/ur_rtde", *commands("check", "record", "capture", "watch"))
 OPTIONS = {"serial": "20230000000", "frame_timeout": 0.5, "setpoint_timeout": 0.5, "watchdog": 4.0}
 LONGEST = 60.0  # s that a command may take
 # what a person types; CELL, PLAN and OUT are put in. `calib go` is these commands one after the other

@@ -13,7 +13,6 @@ from benchmarks.wrong_data import COUNT, Case, arm, cases, changes, family, name
 from calib.gate import gate
 from calib.gate.commands import family as every_arm
 
-MEASURES = ("calib/gate", "logs")
 LONG, RATE = 120.0, 500.0  # s, Hz
 OF_TWO_MINUTES = ("ur10e", "servo6")
 COMBINED = 20  # of three corruptions

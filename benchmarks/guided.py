@@ -17,9 +17,13 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
-from benchmarks import results
+from benchmarks.imports import ROOT, commands
 from sim.resources import shipped_configs
 
+MEASURES = (
+    "benchmarks.guided", "drivers/ur_rtde", "sim.emulated.ur.build",
+    *commands("emulate", "go", "check", "plan", "record", "identify", "validate", "diagnose"),
+)  # fmt: skip
 MASS = 0.8  # kg; more would be seen by `calib check` in the torques at rest
 HIDDEN = f"""
 [emulation]
@@ -56,7 +60,7 @@ def _session(place: Path) -> list[dict[str, Any]]:
     shipped = (shipped_configs() / "cells" / "emulated-ur10e.toml").read_text(encoding="utf-8")
     (cells / "bench.toml").write_text(shipped.replace("emulated-ur10e", "bench") + HIDDEN, encoding="utf-8")
     program = [sys.executable, "-m", "calib"]
-    surroundings = os.environ | {"PYTHONPATH": str(results.ROOT)}
+    surroundings = os.environ | {"PYTHONPATH": str(ROOT)}
     emulator = subprocess.Popen([*program, "emulate", "bench"], cwd=place, env=surroundings, stdout=subprocess.DEVNULL)
     try:
         _await_controller()

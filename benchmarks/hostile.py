@@ -34,7 +34,6 @@ from sim.joint_state import JointState
 from sim.resources import shipped_configs
 from sim.trajectory import Trajectory
 
-MEASURES = ("logs", "safety", "sim")
 KINDS = ("arm.toml", "model.xml", "arm.urdf", "cell.toml", "plan.toml", "run.toml", "journal.mcap", "finished.mcap", "log.csv")
 ARM = "servo6"
 SLOW, LARGE = 2.0, 1000.0  # s, MB

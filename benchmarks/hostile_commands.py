@@ -31,6 +31,7 @@ from benchmarks.results import CODE, digest
 from calib.main import main as program
 from calib.terminal.unexpected import EXIT_CODE
 
+MEASURES = (*CODE, "benchmarks.hostile_commands")  # every command
 CHUNK = 40  # mutants of one process
 # of pairs that compute for seconds on a mutant
 FEW = {
@@ -90,7 +91,7 @@ def with_faults(name: str, seed: int, count: int, done: Done) -> dict[str, Any]:
 def run(minutes: float = 10.0, count: int = 10_000, names: Sequence[str] = tuple(CASES)) -> list[dict[str, Any]]:
     """A slice of the mutants, then the rows of all that were tried so far: what, value, unit, bar, note."""
     end = time.monotonic() + 60 * minutes
-    kept = Kept(FOLDER / "hostile_commands.jsonl", " ".join(digest(path) for path in CODE))
+    kept = Kept(FOLDER / "hostile_commands.jsonl", " ".join(digest(path) for path in MEASURES))
     rounds = -(-count // sum(FEW.get(name, CHUNK) for name in names))
     warm(sim, logs, drivers, safety, calib)
     each_once = [(name, seed, FEW.get(name, CHUNK)) for seed in range(rounds) for name in names]

@@ -23,7 +23,7 @@ from logs import RecorderProcess, read_log
 from logs.recover import is_recording
 from logs.ur_rtde_csv import UR_JOINTS
 
-MEASURES = ("logs",)
+MEASURES = ("benchmarks.kills",)
 VICTIMS = ("recorder", "control", "both")
 STEADY = 500.0  # Hz
 
@@ -88,7 +88,7 @@ def kill(number: int) -> dict[str, Any]:
 def run(minutes: float = 10.0, count: int = 300) -> list[dict[str, Any]]:
     """A slice of the kills, then the rows of all that were done so far: what, value, unit, bar, note."""
     end = time.monotonic() + 60 * minutes
-    kept = Kept(FOLDER / "kills.jsonl", " ".join(digest(path) for path in ("logs", "benchmarks/kills.py")))
+    kept = Kept(FOLDER / "kills.jsonl", " ".join(digest(path) for path in MEASURES))
     for number in range(count):
         if str(number) not in kept.found and time.monotonic() < end:
             kept.keep(str(number), kill(number))

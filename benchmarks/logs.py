@@ -17,7 +17,6 @@ from logs import Recorder, RecorderProcess, Recording
 from logs.ur_rtde_csv import UR_JOINTS
 from sim.joint_state import JointState
 
-MEASURES = ("logs",)
 N = len(UR_JOINTS)
 WARM = np.full(N, 30.0)
 RATES = (125.0, 250.0, 500.0, 1000.0)

@@ -53,7 +53,7 @@ TIMES = (
      "unpacking, handing over and the cycle, beside the control process and the emulated controller on the same cores"),
     ("monitor process, CPU per reading", ("process us",), "", "all threads: hearing and cycle; of 2000 us between readings"),
 )  # fmt: skip
-MEASURES = ("safety", "drivers/ur_rtde", "sim/emulated/ur", "benchmarks/monitor_process.py")
+MEASURES = ("benchmarks.monitor_process", "drivers/ur_rtde")
 
 
 def watched_controller(path: str, talk: Connection) -> None:

@@ -30,12 +30,14 @@ import logs
 import safety
 import sim
 from benchmarks.forked import forked, warm
+from benchmarks.imports import commands
 from benchmarks.kept import FOLDER, Kept
 from benchmarks.real import score
 from benchmarks.real_sets import SETS
-from benchmarks.results import CODE, digest
+from benchmarks.results import digest
 from calib.main import main as program
 
+MEASURES = ("benchmarks.published", *commands("arm", "import_", "identify", "validate", "diagnose"))
 COMMANDS = ("identify", "validate", "diagnose")
 BROKEN = "broken_values.csv"
 STANDS = ("the motion is too short", "Nothing compared", "nothing can be identified of a joint that hardly moves")
@@ -176,7 +178,7 @@ def run(minutes: float = 10.0) -> list[dict[str, Any]]:
     if "ARM_CALIB_DATA" not in os.environ:
         raise RuntimeError("ARM_CALIB_DATA is not set: the real recordings are not part of this project")
     data, end = Path(os.environ["ARM_CALIB_DATA"]), time.monotonic() + 60 * minutes
-    kept = Kept(FOLDER / "published.jsonl", " ".join(digest(path) for path in CODE))
+    kept = Kept(FOLDER / "published.jsonl", " ".join(digest(path) for path in MEASURES))
     everything = [(name, arm, file) for name, arm in arms(data).items() for file in arm.files]
     with tempfile.TemporaryDirectory(prefix="calib-published-") as place:
         warm(sim, logs, drivers, safety, calib)

@@ -16,7 +16,7 @@ from benchmarks.logs import N, motion, row, sample
 from logs import Recorder, read_log
 from logs.ur_rtde_csv import UR_JOINTS
 
-MEASURES = ("logs",)
+MEASURES = ("benchmarks.reading", "logs")
 ENVIRONMENT = os.environ | {
     "PYTHONPATH": os.pathsep.join([str(Path(__file__).resolve().parent.parent), os.environ.get("PYTHONPATH", "")])
 }

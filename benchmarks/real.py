@@ -22,10 +22,12 @@ from typing import Any
 import numpy as np
 from scipy.signal import butter, sosfiltfilt
 
+from benchmarks.imports import commands
 from benchmarks.real_sets import ALL, SETS, Set
 from benchmarks.results import write
 
 COMMAND = "make real"
+MEASURES = ("benchmarks.real", *commands("arm", "import_", "identify", "validate", "diagnose"))
 BARS = {("ur10e", "diagnosed"): "1 s <= 30 mrad"}
 EDGE, MOVING = 0.3, 0.02  # s left out before the first and after the last motion; rad/s
 
@@ -170,7 +172,7 @@ def main() -> None:
             for row in rows[-6:]:
                 print(f"{row['what']:28} {row['value']} {row.get('unit', '')} {row.get('note', '')}", flush=True)
     if not given.only:
-        print(write("real", rows, command=COMMAND, load_before=round(load, 2)))
+        print(write("real", rows, command=COMMAND, measures=MEASURES, load_before=round(load, 2)))
 
 
 if __name__ == "__main__":

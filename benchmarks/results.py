@@ -14,18 +14,20 @@ import json
 import os
 import platform
 import re
-import subprocess
 import tempfile
 import tokenize
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from functools import cache
 from pathlib import Path
 from typing import Any
 
-ROOT = Path(__file__).parents[1]
+from benchmarks.imports import ROOT, files, git
+
 FOLDER = ROOT / "results"
 SCHEMA = "results/1"
+SHOWN = 3
 CODE = ("calib", "safety", "drivers", "logs", "sim")
 KEYS = ("what", "value", "unit", "bar", "note")
 NAME = re.compile(r"[a-z0-9][a-z0-9_-]{0,63}")
@@ -43,7 +45,8 @@ def write(
     """Write results/NAME.json and return its path.
 
     name: of the figure set, lower case. rows: dicts with what (unique in the file) and value (text or number), and optionally unit, bar,
-    note. command: what a reader types to measure again. measures: the paths, from the checkout's root, whose change outdates the figures.
+    note. command: what a reader types to measure again. measures: the paths, from the checkout's root, and the modules with
+    all that they import (`calib.commands.diagnose`), whose change outdates the figures.
     load_before: the 1 min load average when the measurement began; the one at its end is added. ValueError names a row that is wrong.
     """
     if not NAME.fullmatch(name):
@@ -61,7 +64,9 @@ def write(
         "command": command,
         "date": datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
         "commit": git("rev-parse", "--short=12", "HEAD"),
-        "uncommitted": bool(git("status", "--porcelain", "--untracked-files=no", "--", *measures)),
+        "uncommitted": bool(
+            git("status", "--porcelain", "--untracked-files=no", "--", *(f for path in measures for f in files(path)))
+        ),
         "machine": {
             "platform": f"{platform.system()} {platform.machine()}, Python {platform.python_version()}",
             "cores": os.cpu_count(),
@@ -92,17 +97,18 @@ def _without_places(text: str) -> str:
 
 
 def digest(path: str) -> str:
-    """Of the tracked files under a path and their content; it survives a rebase, which a commit's name does not. ValueError where there are none."""
+    """Of the files of a path or module (`benchmarks.imports.files`) and their content; it survives a rebase, which a commit's name does not."""
     found = hashlib.sha256()
-    files = git("ls-files", "--", path).splitlines()
-    if not files:
-        raise ValueError(f"{path}: no file of the checkout; a benchmark names code that was moved or removed")
-    for file in files:
+    for file in files(path):
         place = ROOT / file
         if place.suffix in (".py", ".toml", ".xml", ".urdf") and place.is_file():
-            content = place.read_bytes()
-            found.update(file.encode() + b"\0" + (code(content) if place.suffix == ".py" else content) + b"\0")
+            found.update(file.encode() + b"\0" + _of_file(file, place.read_bytes()) + b"\0")
     return found.hexdigest()[:16]
+
+
+@cache
+def _of_file(file: str, content: bytes) -> bytes:
+    return code(content) if file.endswith(".py") else content
 
 
 def code(source: bytes) -> bytes:
@@ -127,11 +133,6 @@ def code(source: bytes) -> bytes:
     return b"\n".join(line.rstrip() for line in lines if line.strip())
 
 
-def git(*arguments: str) -> str:
-    done = subprocess.run(["git", "-C", str(ROOT), *arguments], capture_output=True, text=True, check=False)
-    return done.stdout.strip()
-
-
 @dataclass(frozen=True)
 class Results:
     """One results file."""
@@ -146,8 +147,26 @@ class Results:
     rows: tuple[Mapping[str, Any], ...]
 
     def outdated(self) -> list[str]:
-        """The measured paths whose code has changed since, or is no longer there."""
-        return [path for path, was in self.measures.items() if not git("ls-files", "--", path) or digest(path) != was]
+        """The measured paths and modules whose code has changed since, or is no longer there, with the first of the files that did."""
+        out = []
+        for path, was in self.measures.items():
+            try:
+                if digest(path) == was:
+                    continue
+                names = self.changed(path)
+            except ValueError:
+                names = []
+            more = f" and {len(names) - SHOWN} more" if len(names) > SHOWN else ""
+            out.append(f"{path} ({', '.join(names[:SHOWN])}{more})" if names not in ([], [path]) else path)
+        return out
+
+    def changed(self, path: str) -> list[str]:
+        """The files of a path or module that differ from those of the commit; none where the commit is not known here."""
+        return [
+            file
+            for file in git("diff", "--name-only", self.commit, "--", *files(path)).splitlines()
+            if code(git("show", f"{self.commit}:{file}").encode()) != code((ROOT / file).read_bytes().strip())
+        ]
 
 
 def read(folder: Path | None = None) -> dict[str, Results]:

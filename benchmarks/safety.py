@@ -25,7 +25,6 @@ from sim.arm import Arm
 from sim.cell import Cell, load_arm_of, load_cell
 from sim.errors import SafetyStop
 
-MEASURES = ("safety", "sim")
 CELL = "mock-ur10e"
 
 

@@ -14,12 +14,13 @@ import time
 from pathlib import Path
 from typing import Any
 
+from benchmarks.imports import commands
 from sim.arm import load_arm
 from sim.cell import Cell, load_cell
 from sim.emulated import open_emulator
 from sim.emulated.can import CanEmulator
 
-MEASURES = ("drivers", "sim")
+MEASURES = ("benchmarks.servo_scan", *commands("servo"))
 FAST = 5_000_000
 ROBSTRIDES, FD = (2, 3), 1
 RANGES = {"q": 12.57, "dq": 20.0, "tau": 60.0}

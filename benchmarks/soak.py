@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks import faults
 from benchmarks.faults import TROUBLES
 from benchmarks.injection import Injection
 from benchmarks.kept import FOLDER, Kept
@@ -30,7 +29,7 @@ from sim.effects import with_effect
 from sim.errors import SafetyStop
 from sim.plant import Plant
 
-MEASURES = (*faults.MEASURES, "benchmarks/soak.py")
+MEASURES = ("benchmarks.soak",)
 ARMS = ("ur10e", "ur5e", "ur3e", "ur16e", "ur20", "servo6")
 SECTION = 60.0
 WRONG = 0.1

@@ -16,11 +16,12 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks import ONE_THREAD
+from benchmarks.imports import commands
 from benchmarks.kept import FOLDER, Kept
 from benchmarks.results import digest
 
 SEEDS = (11, 14, 1, 9, 4, 8)  # two payloads, two springs, two ripples
-MEASURES = ("calib", "drivers", "safety", "sim")
+MEASURES = ("benchmarks.tracking", *commands("demo"))
 
 
 def run(minutes: float = 10.0) -> list[dict[str, Any]]:

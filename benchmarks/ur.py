@@ -31,7 +31,7 @@ from sim.emulated.ur.emulator import UrEmulator
 from sim.errors import DeviceError
 from sim.joint_state import Status
 
-MEASURES = ("drivers", "safety", "logs", "sim")
+MEASURES = ("benchmarks.ur", "drivers/ur_rtde")
 SERVO_J = 11
 SPEED = 0.5  # rad/s of joint 1 when a fault comes
 FAULTS = (

@@ -25,6 +25,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.forked import forked
+from benchmarks.imports import commands
 from benchmarks.kept import FOLDER, Kept
 from benchmarks.results import digest
 from benchmarks.ur_cell import ur_cell
@@ -46,7 +47,7 @@ NAMES = {
 }  # fmt: skip
 MOTION = 6.0  # s; a fault comes at about 2 s, while the arm is fast
 WAIT = 240.0  # s for all that comes before and after a motion
-MEASURES = ("safety", "drivers/ur_rtde", "sim/emulated", "logs", "benchmarks/ur_load.py")
+MEASURES = ("benchmarks.ur_load", "drivers/ur_rtde", *commands("record"))
 OPTIONS: dict[str, object] = {"serial": "20230000000", "frame_timeout": 0.1, "watchdog": 4.0}
 SERVO: dict[str, object] = {"lookahead": 0.03, "gain": 1200.0}
 AHEAD: dict[str, object] = SERVO | {"ahead": 0.05}

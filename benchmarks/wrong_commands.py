@@ -23,6 +23,7 @@ import logs
 import safety
 import sim
 from benchmarks.forked import forked, warm
+from benchmarks.imports import commands
 from benchmarks.kept import FOLDER, Kept
 from benchmarks.results import digest
 from benchmarks.wrong_data import COUNT, Case, cases
@@ -33,7 +34,7 @@ from logs.convert import write_log
 COMMANDS = ("identify", "validate", "diagnose", "watch", "import", "fleet")
 ONE_LOG = ("watch", "import")
 NO_COPY = ("identify", "validate", "diagnose")  # that the same recording twice is given to
-MEASURES = ("calib/gate", "calib/commands", "calib/fleet", "logs", "benchmarks/wrong_data.py", "benchmarks/wrong_commands.py")
+MEASURES = ("benchmarks.wrong_commands", *commands("identify", "validate", "diagnose", "watch", "import_", "fleet"))
 AT_ONCE, IN_A_CHILD = 25, 10  # cases of a fleet, and of any other command one after the other
 LONGEST = 600.0  # s that one call may take
 FAULT = -1  # code of a call whose process ended with a fault, or not at all

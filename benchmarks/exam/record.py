@@ -9,8 +9,9 @@ from typing import Any
 from benchmarks import results
 from benchmarks.exam.figures import Share, confusion, figures
 from benchmarks.exam.scoring import Row
+from benchmarks.imports import commands
 
-MEASURES = ("calib", "logs", "sim", "benchmarks/exam")
+MEASURES = ("benchmarks.exam.__main__", *commands("identify", "diagnose", "validate"))
 CONFIDENCE = (0.0, 0.5, 0.7, 0.9, 0.95, 1.0)
 
 

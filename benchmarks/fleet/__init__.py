@@ -8,7 +8,10 @@ from __future__ import annotations
 
 from typing import Any
 
+from benchmarks.imports import commands
 from benchmarks.kept import FOLDER
+
+MEASURES = ("benchmarks.fleet", "benchmarks.fleet.alone", *commands("fleet"))
 
 
 def run(arms: int = 200, seconds: float = 300.0) -> list[dict[str, Any]]:

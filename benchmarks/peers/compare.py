@@ -41,13 +41,8 @@ SLIDING, TURNED = 0.05, 0.99
 OURS, RIDGE, NOMINAL = "calib identify", "ridge around the nominal arm", "nominal arm"
 BARS = {(10.0, OURS): "not behind any", (60.0, OURS): "<= 0.65, half of any other"}
 # what the logs and the peers' answers depend on, and what ours does
-LOGS = (
-    "calib/measurement",
-    "sim",
-    "benchmarks/peers",
-    "benchmarks/known_truth.py",
-)
-MEASURES = (*LOGS, "calib/identification", "calib/regression")
+LOGS = ("benchmarks.known_truth", "benchmarks/peers")
+MEASURES = ("benchmarks.peers.compare", *LOGS)
 
 
 def run(minutes: float = 30.0, seeds: int = 5, lengths: Sequence[float] = (10.0, 60.0)) -> list[dict[str, Any]]:

@@ -33,7 +33,10 @@ def test_a_topic_that_fails_is_reported_and_takes_no_other_with_it(
     def broken() -> list[dict[str, Any]]:
         raise RuntimeError("the emulator did not start")
 
-    whole = SimpleNamespace(run=lambda: [{"what": "a figure", "value": "1.5", "unit": "ms", "bar": "<= 2", "note": ""}])
+    whole = SimpleNamespace(
+        MEASURES=("benchmarks/kept.py",),
+        run=lambda: [{"what": "a figure", "value": "1.5", "unit": "ms", "bar": "<= 2", "note": ""}],
+    )
     monkeypatch.setattr(results, "FOLDER", tmp_path / "results")
     for key, value in ONE_THREAD.items():
         monkeypatch.setenv(key, value)  # what main sets is taken back afterwards
