@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -12,6 +13,7 @@ from calib.terminal import console, options
 from calib.terminal.group import Group
 from calib.terminal.turned_by_hand import drives_of_joints
 from sim.errors import AnswerIsNo, ConfigError, DeviceError
+from sim.files import is_name
 
 if TYPE_CHECKING:
     from drivers.can_servo.scan import Found
@@ -147,8 +149,13 @@ def scan(
         raise ConfigError(
             "--arm and --out belong together: a cell names its arm and joints; give both, or neither to look only"
         )
-    if out is not None and (out.exists() or out.suffix != ".toml"):
-        raise ConfigError(f"{out}: it is there already, or does not end in .toml; name a new .toml file")
+    if out is not None:  # before anybody turns a joint
+        if out.exists() or out.suffix != ".toml" or not is_name(out.stem):
+            raise ConfigError(
+                f"{out}: it is there already, does not end in .toml, or {out.stem!r} is no name for a cell (letters, digits, dots, dashes and "
+                "underscores); name a new .toml file"
+            )
+        out.parent.mkdir(parents=True, exist_ok=True)
     options_table = {
         "interface": interface, "channel": channel, "bitrate": bitrate, "data_bitrate": data_bitrate, "bus": _pairs(bus or []),
         "rate": 200.0, "brakes": False, "servos": [],
@@ -174,7 +181,7 @@ def scan(
             )
         if model is not None and out is not None:
             joints = drives_of_joints(model, found, ByHand([f.drive for f in found], link, clock))
-            text = cell_text(out.stem, model, options, joints)
+            text = cell_text(out.stem, _named(str(arm), out), options, joints)
             with out.open("x", encoding="utf-8") as file:
                 file.write(text)
     finally:
@@ -188,6 +195,11 @@ def scan(
     problems = [problem for f in found for problem in f.described.problems]
     if problems:
         raise AnswerIsNo("; ".join(problems))
+
+
+def _named(arm: str, cell: Path) -> str:
+    """An arm as a cell file names it: its name, or the path to it from there."""
+    return arm if is_name(arm) else f"./{Path(os.path.relpath(arm, cell.parent)).as_posix()}"
 
 
 def _pairs(words: list[str]) -> dict[str, str | int]:

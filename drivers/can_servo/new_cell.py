@@ -10,7 +10,6 @@ from typing import Any
 import tomli_w
 
 from drivers.can_servo.scan import Found
-from sim.arm import Arm
 from sim.can_wiring import CanOptions
 
 HEAD = """# Written by `calib servo scan`. Lines that begin with "# TODO" are yours; `calib check` names what is still missing.
@@ -22,11 +21,11 @@ WATCHDOG = (
 )
 
 
-def cell_text(name: str, arm: Arm, options: CanOptions, joints: Mapping[str, tuple[Found, int]]) -> str:
-    """A cell file, TOML: for each joint its drive and the sign of its direction."""
+def cell_text(name: str, arm: str, options: CanOptions, joints: Mapping[str, tuple[Found, int]]) -> str:
+    """A cell file, TOML: for each joint its drive and the sign of its direction. arm: as the file names it."""
     protocol = Counter(found.protocol for found, _ in joints.values()).most_common(1)[0][0]
     rest = [round(sign * found.described.q, 4) for found, sign in joints.values()]
-    top: dict[str, Any] = {"schema": "cell/1", "name": name, "arm": arm.name, "driver": "can_servo"}
+    top: dict[str, Any] = {"schema": "cell/1", "name": name, "arm": arm, "driver": "can_servo"}
     text = HEAD + tomli_w.dumps(top)
     text += (
         "# the pose in which the arm was scanned: where it may lose its torque\n"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
+import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -120,7 +121,20 @@ def test_a_scan_writes_the_cell_that_hands_show(
     assert "it is there already" in capsys.readouterr().err
 
 
+def test_a_scan_makes_the_folder_of_its_cell_and_names_an_arm_by_its_path(
+    there: tuple[str, CanEmulator], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    turns = iter([(5, 1), (4, -1), (3, 1), (2, -1), (1, 1), (0, 1)])
+    monkeypatch.setattr("drivers.can_servo.by_hand.ByHand.turned", lambda hands: next(turns))
+    shutil.copytree(shipped_configs() / "arms" / "servo6", tmp_path / "arms of mine" / "servo6")
+    out = tmp_path / "configs" / "cells" / "my-arm.toml"
+    arm = tmp_path / "arms of mine" / "servo6"
+    assert main(["servo", "scan", *bus_of(there[0]), "--arm", str(arm), "--out", str(out)]) == 0
+    assert Path(load_cell(out).table.arm).samefile(arm)
+
+
 @pytest.mark.parametrize(("words", "code", "message"), [
+    (["--interface", "virtual", "--channel", "x", "--arm", "servo6", "--out", "my arm.toml"], 2, "is no name for a cell"),
     (["--interface", "virtual", "--channel", "nobody-there"], 4, "no drive answered at 1000000 bit/s"),
     (["--interface", "nonsense", "--channel", "x"], 2, "python-can has none of that name"),
     (["--interface", "virtual", "--channel", "x", "--bitrate", "7"], 2, "bitrate = 7"),

@@ -159,7 +159,7 @@ def test_hands_show_order_and_direction_and_the_cell_loads(bench, scanned, servo
     assert [joints[name][0].node for name in servo6.joint_names] == [nodes[j] for j in range(6)]
     assert [joints[name][1] for name in servo6.joint_names] == [1, -1, 1, -1, 1, -1]
     assert not b.bus.body.live.any()
-    text = cell_text("my-arm", servo6, options(), joints)
+    text = cell_text("my-arm", "servo6", options(), joints)
     assert not math.isnan(tomllib.loads(text.replace("# TODO rest", "rest"))["rest"][0]) or "# TODO rest" in text
     path = tmp_path / "my-arm.toml"
     path.write_text(text)
