@@ -103,8 +103,10 @@ $(VENV)/arms: $(VENV)/ready
 arms: $(VENV)/arms  ## 29 published arms through the whole line on the mock, half an hour of them at a time; writes results/arms.json
 	$(BIN)/python -m benchmarks arms
 
-test-arms: $(VENV)/arms  ## all of them as far as `calib arm new`, two through the whole line; some minutes
-	$(BIN)/python -m benchmarks.arms --new
+# one of each maker, and those of which a fact has to be given
+EACH := z1 talos_left tiago tiago_pro_left baxter_left centauro_left kinova_j2s6s200 ur5 xarm7 pr2_right romeo_right icub_right double_pendulum
+test-arms: $(VENV)/arms  ## one arm of each maker as far as `calib arm new`, two more through the whole line; some minutes
+	$(BIN)/python -m benchmarks.arms --new $(EACH)
 	$(BIN)/python -m benchmarks.arms so101 panda
 
 player:  ## rebuild the 3D player of plan.html from its source; needs Node.js, which nothing else here does

@@ -9,6 +9,7 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from benchmarks.known_truth import fourier_motion, recorded, varied
 from calib.gate import Gate
@@ -145,13 +146,17 @@ def changes(of: Arm) -> dict[str, Change]:
 
 
 def cases(count: int = COUNT, seed: int = 0) -> list[Case]:
-    """`count` wrong recordings: single corruptions first, then other arms and the same log twice, then combinations of two and three."""
+    """`count` wrong recordings: other arms and mountings, the same log twice, single corruptions, then combinations of two and three."""
     rng = np.random.default_rng(seed)
     singles = [(name, (what,)) for name in BASES for what in changes(base(name)[0])]
     order = rng.permutation(len(singles))
     others = [(a, b) for a in FAMILY for b in FAMILY if a != b]
     out: list[Case] = [_foreign(a, b, k) for k, (a, b) in enumerate(others)]
     out += [_twice(name) for name in BASES] + [_gripper(name) for name in BASES]
+    out += [
+        _hanging(name, degrees, k)
+        for k, (name, degrees) in enumerate(itertools.product(("ur5e", "servo6", "ur10e"), (90.0, 150.0, 180.0)))
+    ]
     out += [_case(*singles[k], rng) for k in order[: int(0.6 * count) - len(out)]]
     while len(out) < count:
         name = str(rng.choice(BASES))
@@ -178,6 +183,20 @@ def _foreign(named: str, real: str, seed: int) -> Case:
     truth = varied(arm(real), seed, 0.05)
     log = recorded(truth, within(truth, fourier_motion(truth, 300 + seed, 24.0, 100.0)), seed)
     return Case(f"{named}: a recording of {real}", arm(named), (log,), ("another arm",), frozenset({real}))
+
+
+def _hanging(name: str, degrees: float, seed: int) -> Case:
+    """An arm on a wall, an overhang or a ceiling, read as if it stood on the floor."""
+    rng, of = np.random.default_rng(seed), arm(name)
+    turn = Rotation.from_rotvec(np.radians(degrees) * np.append(_unit(rng.standard_normal(2)), 0.0))
+    truth = varied(of, seed, 0.05)
+    truth = replace(truth, tree=replace(truth.tree, gravity=turn.apply(of.gravity)))
+    log = recorded(truth, within(truth, fourier_motion(truth, 400 + seed, 24.0, 100.0)), seed)
+    return Case(f"{name}: mounted at {degrees:g} deg", of, (log,), ("another mounting",), frozenset({"mounted otherwise"}))
+
+
+def _unit(x: np.ndarray) -> np.ndarray:
+    return np.asarray(x / np.linalg.norm(x))
 
 
 def _twice(name: str) -> Case:

@@ -12,6 +12,7 @@ from sim.arm import Arm, ArmEffect
 from sim.cell import BoxObstacle, MeshObstacle, PlaneObstacle
 from sim.effects import Stage
 from sim.effects.effect import Effect
+from sim.errors import ConfigError
 from sim.instant import apply_all
 from sim.mjcf import TWIST, plant_text, twists
 from sim.model import no_callback
@@ -25,9 +26,17 @@ Steps = Mapping[Stage, Sequence[tuple[Effect, int | None, ArmEffect]]]
 def plant_model(
     arm: Arm, timestep: float, obstacles: Iterable[BoxObstacle | PlaneObstacle | MeshObstacle]
 ) -> tuple[mujoco.MjModel, np.ndarray, np.ndarray, list[tuple[int, int]], int]:
-    """The model, the degree of freedom and the motor (n,) of each joint, joint and degree of freedom of each soft gear, the last body."""
+    """The model, the degree of freedom and the motor (n,) of each joint, joint and degree of freedom of each soft gear, the last body.
+
+    ConfigError where MuJoCo refuses the arm, as one of inertias that no body has.
+    """
     with no_callback():
-        model = mujoco.MjModel.from_xml_string(plant_text(arm, timestep, obstacles))
+        try:
+            model = mujoco.MjModel.from_xml_string(plant_text(arm, timestep, obstacles))
+        except ValueError as error:
+            raise ConfigError(
+                f"{arm.name}: MuJoCo cannot simulate it ({' '.join(str(error).split())}); correct its model"
+            ) from None
     names = arm.joint_names
     dof = np.array([model.joint(n).dofadr[0] for n in names])
     motor = np.array([model.actuator(f"{n}:motor").id for n in names])

@@ -13,6 +13,7 @@ from calib.diagnosis.significance import SIGNIFICANT
 from calib.measurement.preprocessing import Measurement
 from calib.validation.forward import HORIZONS, ForwardError, forward_error
 from sim.arm import Arm
+from sim.errors import ConfigError
 
 FARTHER = 0.05  # share by which the simulated flange may be farther off
 ENOUGH = 4  # windows, or parts of one
@@ -52,7 +53,11 @@ class SimulatedMotion:
         return a.flange, b.flange
 
     def _of(self, arm: Arm, m: Measurement) -> tuple[ForwardError, ...]:
-        return tuple(forward_error(arm, m, horizon, self.start) for horizon in FEW)
+        try:
+            return tuple(forward_error(arm, m, horizon, self.start) for horizon in FEW)
+        except ConfigError:  # of masses that no body has
+            endless = np.full(arm.n, np.inf)
+            return tuple(ForwardError(h, endless, np.inf, endless, (0,), np.full(ENOUGH, np.inf)) for h in FEW)
 
 
 def _farther(a: ForwardError, b: ForwardError) -> bool:

@@ -19,8 +19,10 @@ from calib.gate import clock, motion, readings, scale
 from calib.gate.check import CONVERT, LIKELIEST, MOST_CAUSES, OTHERS, Cause, GateCheck, options
 from calib.gate.compensation import compensated
 from calib.gate.correction import AS_RECORDED, assumed
-from calib.gate.fit import LEAST_SECONDS, GravityFit, fitted, model_torque
-from calib.gate.missing import is_missing, mounting_torque, without_mounting, without_springs
+from calib.gate.fit import LEAST_SECONDS, fitted, model_torque
+from calib.gate.missing import is_missing, without_mounting, without_springs
+from calib.gate.mounting import mounting
+from calib.gate.other_arm import other_arm
 from calib.gate.saturation import LEAST_BELOW, below_limits, saturated
 from calib.gate.search import GainStep, doubtful, steps
 from calib.gate.signals import SHIFTS, Signals, signals
@@ -29,12 +31,9 @@ from sim.arm import Arm
 from sim.prediction import torque_of_laws
 from sim.trajectory import Trajectory
 
-BY_MODEL = ("limits", "torque", "size", "arm")
+BY_MODEL = ("limits", "mounting", "torque", "size", "arm")
 MOST_OF_SIZE = 0.5
 TIE = 0.03  # readings whose gains differ by less are not distinguished
-OTHER_SHAPE, OTHER_GAIN = 0.15, 0.4  # how much better another arm must fit, in shape, and with the size
-OTHER_LEFT, OTHER_SCALE = 0.1, 1.15  # what is left, or the scale, from which another arm is looked for
-SPREAD_OF_SCALE = 0.4
 UNCHECKED = "signs and columns of torques or currents cannot be checked"
 KEPT = 16
 _kept: OrderedDict[tuple[int, int, bytes], tuple[Arm, object, list[GateCheck]]] = OrderedDict()
@@ -138,22 +137,22 @@ def _physics(arm: Arm, logs: Sequence[Log], family: Callable[[], Sequence[Arm]] 
     if laws:  # friction that was fitted to such readings is no mark of a wrong column
         t = np.median(np.diff(s.t)) * np.arange(len(s))  # the rows of several recordings, one after another
         s = replace(s, load=s.load - torque_of_laws(laws, arm, Trajectory(t, s.q, s.dq, s.ddq)))
-    out = []
     massive = arm.prior.numbers != "unknown" and bool(np.any(arm.tree.mass > 0)) and bool(np.isfinite(s.load).any())
     speed, s = motion.speed(arm, s, massive)
-    out.append(speed)
     limits, s = motion.limits(arm, logs, s, massive, known)
-    out.append(limits)
+    out = [speed, limits]
     if not massive:
-        unchecked = f"no torque or no masses: {UNCHECKED}"
-        return [*out, GateCheck("torque", True, unchecked)]
+        return [*out, GateCheck("torque", True, f"no torque or no masses: {UNCHECKED}")]
     if below.mean() < LEAST_BELOW:
-        detail = f"a drive is at its torque limit nearly all the time: {UNCHECKED}"
-        return [*out, GateCheck("torque", True, detail)]
+        return [*out, GateCheck("torque", True, f"a drive is at its torque limit nearly all the time: {UNCHECKED}")]
     before = s = s.rows(below)
-    found, rivals, s = steps(arm, s, SHIFTS)
-    if found and (doubtful(arm, found[0]) or is_missing(arm, before, found[0])):
-        found, s = [], before
+    found, rivals, s = _read(arm, before)
+    if known:
+        stands, turned = mounting(arm, before, fitted(s, model_torque(arm, s)).left)
+        out.append(stands)
+        if turned is not arm:  # what else is wrong shows beside gravity as it is
+            arm = turned
+            found, rivals, s = _read(arm, before)
     ties = [step for step in rivals[: MOST_CAUSES - 1] if step.gain > found[0].gain - TIE] if found else []
     fit = fitted(s, model_torque(arm, s))
     sizes = scale.causes(arm, s, fit, from_current, known)
@@ -161,10 +160,18 @@ def _physics(arm: Arm, logs: Sequence[Log], family: Callable[[], Sequence[Arm]] 
         at = sorted({j for cause in sizes for c in cause.corrections for j in c.joints})
         for beside in (without_springs(arm, s, at), without_mounting(arm, s, fit)):
             sizes = sizes and scale.causes(arm, beside, fitted(beside, model_torque(arm, beside)), from_current, known)
-    other = _other(arm, s, fit, sizes, family) if known else None
+    other = other_arm(arm, s, fit, sizes, family) if known else None
     out.append(_columns(arm, before, found, ties, np.log(fitted(before, model_torque(arm, before)).left / fit.left)))
     out.append(_sizes(arm, sizes, other))
     return out
+
+
+def _read(arm: Arm, s: Signals) -> tuple[list[GainStep], list[GainStep], Signals]:
+    """`steps`, without those that something missing in the model explains as well."""
+    found, rivals, corrected = steps(arm, s, SHIFTS)
+    if found and (doubtful(arm, found[0]) or is_missing(arm, s, found[0])):
+        return [], rivals, s
+    return found, rivals, corrected
 
 
 def _loads(arm: Arm, logs: Sequence[Log]) -> tuple[list[np.ndarray], np.ndarray, bool]:
@@ -201,49 +208,7 @@ def _sizes(arm: Arm, sizes: Sequence[Cause], other: Cause | None) -> GateCheck:
     if other is not None:
         return GateCheck("arm", False, f"the recording does not fit {arm.name}", (other, *sizes), arm.joint_names)
     if not sizes:
-        detail = "torques or currents have the size that the arm's masses require, or it cannot be determined"
-        return GateCheck("size", True, detail)
+        return GateCheck(
+            "size", True, "torques or currents have the size that the arm's masses require, or it cannot be determined"
+        )
     return GateCheck("size", False, "the torque (or current) has the wrong size", tuple(sizes), arm.joint_names)
-
-
-def _other(
-    arm: Arm, s: Signals, fit: GravityFit, sizes: Sequence[Cause], family: Callable[[], Sequence[Arm]] | None
-) -> Cause | None:
-    """Another arm of as many joints, where it explains shape and size of the readings better than this one, its unit put right."""
-    if family is None:
-        return None
-    log_scale = scale.scale_of(arm, s, fit).log_scale
-    left = fit.left / np.where(fit.size > 0, fit.size, np.nan)
-    if not np.isfinite(log_scale).any() or (
-        np.nanmedian(left) < OTHER_LEFT and abs(float(np.nanmedian(log_scale))) < math.log(OTHER_SCALE)
-    ):
-        return None
-    shape, size = _merit(fit, log_scale - (np.nanmedian(log_scale) if sizes else 0.0))
-    shape = max(shape, _loaded(arm, s, fit, tilt=False, scaled=True)[0])
-    shape, size = max((shape, size), _loaded(arm, s, fit, tilt=False, scaled=False), key=sum)
-    mounted = sum(_loaded(arm, s, fit, tilt=True, scaled=False))
-    best: Cause | None = None
-    for candidate in family():
-        if candidate.n != arm.n or candidate.name == arm.name:
-            continue
-        as_other = fitted(s, model_torque(candidate, s))
-        their_shape, their_size = _merit(as_other, scale.scale_of(candidate, s, as_other).log_scale)
-        gain = their_shape + their_size - max(shape + size, mounted)
-        if their_shape - shape > OTHER_SHAPE and gain > OTHER_GAIN and (best is None or gain > best.gain):
-            best = Cause(f"it is a recording of {candidate.name}", gain)
-    return best
-
-
-def _loaded(arm: Arm, s: Signals, fit: GravityFit, tilt: bool, scaled: bool) -> tuple[float, float]:
-    """`_merit` of the arm with what is mounted, as `mounting_torque` finds it."""
-    held = replace(s, load=s.load - mounting_torque(arm, s, fit, tilt, scaled))
-    loaded = fitted(held, model_torque(arm, held))
-    return _merit(replace(loaded, size=fit.size), scale.scale_of(arm, held, loaded).log_scale)
-
-
-def _merit(fit: GravityFit, log_scale: np.ndarray) -> tuple[float, float]:
-    """How well shape and size of the readings are explained, in nats."""
-    left = np.log(fit.left / fit.size)
-    return -float(left[np.isfinite(left)].sum()), -float((log_scale[np.isfinite(log_scale)] ** 2).sum()) / (
-        2 * SPREAD_OF_SCALE**2
-    )

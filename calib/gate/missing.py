@@ -17,19 +17,22 @@ from sim.rigid_body import RigidBody
 LIGHT = 0.05  # of the arm's mass, that a load may come out below zero where the model's own masses are too large
 
 
-def mounting_torque(arm: Arm, s: Signals, fit: GravityFit, tilt: bool = True, scaled: bool = True) -> np.ndarray:
-    """(R, n) torque of a load at the flange (a mass and its centre), and with `tilt` of a tilted base and a constant pull on the last link, that
-    explain best what `fit` leaves. scaled: every joint's readings may have a scale of their own; else the arm's masses are as stated.
+def mounting_torque(
+    arm: Arm, s: Signals, fit: GravityFit, beside: Sequence[str] = ("tilt", "pull"), scaled: bool = True
+) -> np.ndarray:
+    """(R, n) torque of a load at the flange (a mass and its centre), and `beside` it of a tilted base and a constant pull on the last link,
+    that explain best what `fit` leaves. scaled: every joint's readings may have a scale of their own; else the arm's masses are as stated.
 
     The load has a mass that an arm carries; alone, it is zero where it would have none. A tool, a workpiece, a wedge below the base and a hose make neither another arm nor another column.
     """
     body, tau = RigidBody(arm), model_torque(arm, s)
     columns = body.regressor(s.q, s.dq, s.ddq)[:, :, 10 * (arm.n - 1) : 10 * (arm.n - 1) + 4]
-    if tilt:  # gravity keeps its size
+    if "tilt" in beside:  # gravity keeps its size
         level = np.linalg.svd(arm.tree.gravity[None])[2][1:]
         tilted = [body.inverse_dynamics(s.q, s.dq, s.ddq, arm.tree.gravity + way) - tau for way in level]
-        pulled = np.swapaxes(body.jacobian(s.q)[0], 1, 2)
-        columns = np.concatenate([columns, np.stack(tilted, axis=2), pulled], axis=2)
+        columns = np.concatenate([columns, np.stack(tilted, axis=2)], axis=2)
+    if "pull" in beside:
+        columns = np.concatenate([columns, np.swapaxes(body.jacobian(s.q)[0], 1, 2)], axis=2)
     x, y = [], []
     in_motion = moving(s)
     for j in range(s.n):
@@ -51,7 +54,7 @@ def mounting_torque(arm: Arm, s: Signals, fit: GravityFit, tilt: bool = True, sc
     design = np.concatenate(x)
     size = np.maximum(np.linalg.norm(design, axis=0), 1e-12)
     found = lsq_linear(design / size, np.concatenate(y), (lowest * size, most * size))
-    if not tilt and found.active_mask[0]:  # beside nothing else, a load that is none
+    if not beside and found.active_mask[0]:  # beside nothing else, a load that is none
         return np.zeros_like(tau)
     out: np.ndarray = columns @ (found.x / size)
     return out

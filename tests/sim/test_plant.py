@@ -10,6 +10,7 @@ from sim.arm import ArmEffect, load_arm
 from sim.cell import load_cell
 from sim.clock import SimulatedClock
 from sim.effects import with_effect
+from sim.errors import ConfigError
 from sim.plant import Plant
 from sim.rigid_body import RigidBody
 
@@ -40,6 +41,14 @@ def test_it_is_steady_without_rotors(q):
     assert Plant(bare)._loop.pushed
     assert not Plant(arm)._loop.pushed
     assert _followed(bare, q) < 2e-3
+
+
+def test_inertias_that_no_body_has_are_refused_in_a_sentence():
+    arm = load_arm("ur10e")
+    wrong = arm.tree.inertia.copy()
+    wrong[4] = -wrong[4]
+    with pytest.raises(ConfigError, match="ur10e: MuJoCo cannot simulate it"):
+        Plant(replace(arm, tree=replace(arm.tree, inertia=wrong)))
 
 
 def test_a_recording_of_an_arm_without_stated_limits_can_be_simulated():

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import cast
+
 import pytest
 
 from calib.diagnosis import promotion as promotion_of
@@ -12,6 +16,7 @@ from calib.diagnosis.motion import measured, warmed
 from calib.diagnosis.promotion import promoted
 from calib.diagnosis.selection import started
 from calib.diagnosis.simulated_motion import SimulatedMotion
+from calib.measurement.preprocessing import prepare
 from sim.arm import Arm, ArmEffect
 from tests.calib.diagnosis.conftest import at, recording
 
@@ -55,3 +60,12 @@ def test_an_effect_need_not_be_as_good_as_a_refit_that_moves_worse(ur10e: Arm, m
     assert promotion.refused == ()
     assert promotion.change is not None
     assert [e.effect for e in promotion.change.effects] == ["joint_spring"]
+
+
+def test_masses_that_no_body_has_move_it_farther_away(ur10e: Arm) -> None:
+    wrong = ur10e.tree.inertia.copy()
+    wrong[4] = -wrong[4]
+    impossible = replace(ur10e, tree=replace(ur10e.tree, inertia=wrong))
+    motion = SimulatedMotion(ur10e, [prepare(recording(ur10e, 1), ur10e)])
+    assert motion.rises(cast(ArmChange, SimpleNamespace(of=lambda arm: impossible)))
+    assert not motion.rises(cast(ArmChange, SimpleNamespace(of=lambda arm: arm)))
