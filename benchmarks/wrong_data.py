@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +16,7 @@ from calib.gate import Gate
 from logs import read_log
 from logs.log import Log
 from sim.arm import Arm, load_arm
+from sim.rigid_body import RigidBody
 from sim.trajectory import Trajectory
 
 SAMPLES = Path(__file__).resolve().parents[1] / "logs" / "samples"
@@ -104,6 +105,20 @@ def _shifted(log: Log, of: Arm, rng: np.random.Generator) -> tuple[Log, frozense
     return replace(log, **late), frozenset({"shift"})
 
 
+def _without_gravity(log: Log, of: Arm, rng: np.random.Generator) -> tuple[Log, frozenset[str]]:
+    """As a controller reports it that takes off what its own model has for gravity."""
+    off = RigidBody(of).gravity_torque(log.q)
+    constant = np.ones(of.n) if of.torque_constant is None else of.torque_constant
+    return replace(log, tau=log.tau - off, current=log.current - off / constant), frozenset({"leaves out gravity"})
+
+
+def _other_zero(log: Log, of: Arm, rng: np.random.Generator, j: int, degrees: float) -> tuple[Log, frozenset[str]]:
+    by = np.radians(degrees) * np.eye(log.n)[j]
+    return replace(log, q=log.q + by, q_cmd=log.q_cmd + by), frozenset(
+        {f"zero:q:{of.joint_names[j]}={np.radians(degrees):.7g}"}
+    )
+
+
 def changes(of: Arm) -> dict[str, Change]:
     """Every corruption of a recording of an arm, at every joint."""
     names = of.joint_names
@@ -117,7 +132,10 @@ def changes(of: Arm) -> dict[str, Change]:
         "thousandths": _thousand,
         "current as torque": _as_current,
         "another clock": _shifted,
+        "gravity taken off": _without_gravity,
     }
+    for j, degrees in itertools.product((1, 2, 3), (-90, 90, 180)):  # gravity loads these joints
+        out[f"zero at {degrees} deg, {names[j]}"] = partial(_other_zero, j=j, degrees=degrees)
     for j, joint in enumerate(names):
         one: dict[str, tuple[Sequence[str], float, set[str]]] = {
             "load reversed": (LOAD, -1.0, {f"sign:tau:{joint}"}),
@@ -148,7 +166,7 @@ def changes(of: Arm) -> dict[str, Change]:
 def cases(count: int = COUNT, seed: int = 0) -> list[Case]:
     """`count` wrong recordings: other arms and mountings, the same log twice, single corruptions, then combinations of two and three."""
     rng = np.random.default_rng(seed)
-    singles = [(name, (what,)) for name in BASES for what in changes(base(name)[0])]
+    singles = [(name, (what,)) for name in BASES for what in _of(name)]
     order = rng.permutation(len(singles))
     others = [(a, b) for a in FAMILY for b in FAMILY if a != b]
     out: list[Case] = [_foreign(a, b, k) for k, (a, b) in enumerate(others)]
@@ -160,7 +178,7 @@ def cases(count: int = COUNT, seed: int = 0) -> list[Case]:
     out += [_case(*singles[k], rng) for k in order[: int(0.6 * count) - len(out)]]
     while len(out) < count:
         name = str(rng.choice(BASES))
-        known = list(changes(base(name)[0]))
+        known = _of(name)
         chosen = tuple(known[k] for k in rng.choice(len(known), int(rng.integers(2, 4)), replace=False))
         # of two exchanges that share a joint nobody can say which came first, and two reversals of one joint are none
         touched = [joint for what in chosen for joint in what.partition(", ")[2].split(",") if joint]
@@ -168,6 +186,11 @@ def cases(count: int = COUNT, seed: int = 0) -> list[Case]:
             continue
         out.append(_case(name, chosen, rng))
     return [out[k] for k in rng.permutation(len(out))][:count]
+
+
+def _of(name: str) -> list[str]:
+    """What is done to a recording: in six or eight seconds, as the samples have, a load, a tilt and a pull explain another zero or no gravity as well."""
+    return [what for what in changes(base(name)[0]) if "sample" not in name or not what.startswith(("zero", "gravity"))]
 
 
 def _case(name: str, chosen: tuple[str, ...], rng: np.random.Generator) -> Case:

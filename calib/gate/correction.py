@@ -9,6 +9,7 @@ sign:tau:elbow       the sign of one joint's reading is reversed (tau: torque or
 swap:all:a,b         the columns of two joints are exchanged (tau, q, dq, or all)
 scale:tau:elbow=101  one joint's reading is so many times too large (tau, q, dq; a gear ratio)
 scale:tau=0.1        the same of all joints
+zero:q:elbow=1.5708  the position of one joint is so much, rad, too large: another zero than the model's
 shift=0.25           torque or current lags the positions by so much, s
 """
 
@@ -42,8 +43,8 @@ ASSUMED = "assumed"  # under which a log's metadata states how it is read
 
 @dataclass(frozen=True)
 class Correction:
-    """kind: unit, word, sign, swap, scale, shift or current; part: t, q, dq, tau, current or all; joints: columns, none for all of them;
-    factor: the reading is divided by it (units, scale), or moved earlier by it, s (shift)."""
+    """kind: unit, word, sign, swap, scale, zero, shift or current; part: t, q, dq, tau, current or all; joints: columns, none for all of them;
+    factor: the reading is divided by it (units, scale), less by it, rad (zero), or moved earlier by it, s (shift)."""
 
     kind: str
     part: str = "all"
@@ -63,6 +64,8 @@ class Correction:
                 return f"shift={self.factor:.4g}"
             case "scale":
                 return f"scale:{self.part}:{at}={self.factor:.4g}" if at else f"scale:{self.part}={self.factor:.4g}"
+            case "zero":
+                return f"zero:{self.part}:{at}={self.factor:.7g}"
         return f"{self.kind}:{self.part}:{at}"
 
     def sentence(self, names: Sequence[str]) -> str:
@@ -95,6 +98,8 @@ class Correction:
             case "scale":
                 whose = f"of {at[0]} " if at else "of every joint "
                 return f"{reading} {whose}is {self.factor:.3g} times too large (gear ratio or unit)"
+            case "zero":
+                return f"{reading} of {at[0]} is {self.factor:.4g} rad ({math.degrees(self.factor):.0f} deg) too large: another zero than the model's"
         way = "lags" if self.factor > 0 else "leads"
         return f"the torque (or current) {way} the positions by {abs(self.factor):.3g} s: another clock"
 
@@ -113,6 +118,10 @@ def applied(log: Log, correction: Correction) -> Log:
             factor = np.ones(log.n)
             factor[list(c.joints) if c.joints else slice(None)] = 1 / c.factor if c.kind == "scale" else UNITS[c.part][c.unit]
             change = {name: getattr(log, name) * factor for name in names}
+        case "zero":
+            off = np.zeros(log.n)
+            off[list(c.joints)] = c.factor
+            change = {name: getattr(log, name) - off for name in ARRAYS["q"]}
         case "current":
             nothing = np.full(log.tau.shape, np.nan)
             change = {"current": np.where(np.isfinite(log.current), log.current, log.tau), "tau": nothing}
@@ -151,8 +160,8 @@ def parsed(text: str, names: Sequence[str]) -> Correction:
     head, colon, rest = text.partition(":")
     if not colon:
         return _of_all(text)
-    if head not in ("sign", "swap", "scale"):
-        raise ConfigError(f"--assume {text!r:.80}: {nearest(head[:40], ('sign', 'swap', 'scale', *UNITS, 'shift'))}")
+    if head not in ("sign", "swap", "scale", "zero"):
+        raise ConfigError(f"--assume {text!r:.80}: {nearest(head[:40], ('sign', 'swap', 'scale', 'zero', *UNITS, 'shift'))}")
     part, colon, where = rest.partition(":")
     if head == "scale" and not colon:
         part, _, number = part.partition("=")
@@ -161,8 +170,9 @@ def parsed(text: str, names: Sequence[str]) -> Correction:
     joints = tuple(_joint(name.strip(), names, text) for name in where.split(","))
     if len(joints) != (2 if head == "swap" else 1) or len(set(joints)) != len(joints):
         raise ConfigError(f"--assume {text!r:.80}: {'two different joints' if head == 'swap' else 'one joint'} must be named")
-    if (head == "scale") != bool(equals):
-        raise ConfigError(f"--assume {text!r:.80}: write {head}:PART:JOINT{'=FACTOR' if head == 'scale' else ''}")
+    number_of = {"scale": "=FACTOR", "zero": "=RAD"}.get(head, "")
+    if bool(number_of) != bool(equals) or (head == "zero" and part != "q"):
+        raise ConfigError(f"--assume {text!r:.80}: write {head}:{'q' if head == 'zero' else 'PART'}:JOINT{number_of}")
     return Correction(head, _part(part, text), joints, _factor(number, text) if equals else 1.0)
 
 
@@ -201,5 +211,5 @@ def _factor(number: str, text: str) -> float:
     except ValueError:
         value = math.nan
     if not math.isfinite(value) or value == 0 or not 1e-9 < abs(value) < 1e9:
-        raise ConfigError(f"--assume {text!r:.80}: {number!r:.40} is no number to divide by, or to shift by")
+        raise ConfigError(f"--assume {text!r:.80}: {number!r:.40} is no number to divide by, to take off or to shift by")
     return value

@@ -20,8 +20,8 @@ from calib.gate.check import CONVERT, LIKELIEST, MOST_CAUSES, OTHERS, Cause, Gat
 from calib.gate.compensation import compensated
 from calib.gate.correction import AS_RECORDED, assumed
 from calib.gate.fit import LEAST_SECONDS, fitted, model_torque
+from calib.gate.gravity import LEAST_GAIN, Reading, no_gravity, pull_of_gravity
 from calib.gate.missing import is_missing, without_mounting, without_springs
-from calib.gate.mounting import mounting
 from calib.gate.other_arm import other_arm
 from calib.gate.saturation import LEAST_BELOW, below_limits, saturated
 from calib.gate.search import GainStep, doubtful, steps
@@ -31,7 +31,7 @@ from sim.arm import Arm
 from sim.prediction import torque_of_laws
 from sim.trajectory import Trajectory
 
-BY_MODEL = ("limits", "mounting", "torque", "size", "arm")
+BY_MODEL = ("limits", "gravity", "torque", "size", "arm")
 MOST_OF_SIZE = 0.5
 TIE = 0.03  # readings whose gains differ by less are not distinguished
 UNCHECKED = "signs and columns of torques or currents cannot be checked"
@@ -146,13 +146,11 @@ def _physics(arm: Arm, logs: Sequence[Log], family: Callable[[], Sequence[Arm]] 
     if below.mean() < LEAST_BELOW:
         return [*out, GateCheck("torque", True, f"a drive is at its torque limit nearly all the time: {UNCHECKED}")]
     before = s = s.rows(below)
-    found, rivals, s = _read(arm, before)
-    if known:
-        stands, turned = mounting(arm, before, fitted(s, model_torque(arm, s)).left)
+    if known:  # what else is wrong shows beside gravity as it pulls
+        stands, arm, (found, rivals, s) = pull_of_gravity(arm, before, lambda mounted: _read(mounted, before))
         out.append(stands)
-        if turned is not arm:  # what else is wrong shows beside gravity as it is
-            arm = turned
-            found, rivals, s = _read(arm, before)
+    else:
+        found, rivals, s = _read(arm, before)
     ties = [step for step in rivals[: MOST_CAUSES - 1] if step.gain > found[0].gain - TIE] if found else []
     fit = fitted(s, model_torque(arm, s))
     sizes = scale.causes(arm, s, fit, from_current, known)
@@ -161,12 +159,14 @@ def _physics(arm: Arm, logs: Sequence[Log], family: Callable[[], Sequence[Arm]] 
         for beside in (without_springs(arm, s, at), without_mounting(arm, s, fit)):
             sizes = sizes and scale.causes(arm, beside, fitted(beside, model_torque(arm, beside)), from_current, known)
     other = other_arm(arm, s, fit, sizes, family) if known else None
+    if known and not sizes and other is None and (not found or found[0].gain < LEAST_GAIN):
+        out += no_gravity(arm, before)
     out.append(_columns(arm, before, found, ties, np.log(fitted(before, model_torque(arm, before)).left / fit.left)))
     out.append(_sizes(arm, sizes, other))
     return out
 
 
-def _read(arm: Arm, s: Signals) -> tuple[list[GainStep], list[GainStep], Signals]:
+def _read(arm: Arm, s: Signals) -> Reading:
     """`steps`, without those that something missing in the model explains as well."""
     found, rivals, corrected = steps(arm, s, SHIFTS)
     if found and (doubtful(arm, found[0]) or is_missing(arm, s, found[0])):

@@ -12,7 +12,7 @@ from calib.gate import readings, scale
 from calib.gate.check import MOST_CAUSES, Cause, GateCheck
 from calib.gate.correction import Correction
 from calib.gate.fit import fitted, model_torque
-from calib.gate.search import LEAST_GAIN, ranked, read_as
+from calib.gate.search import LEAST_GAIN, ZEROS, ranked, read_as
 from calib.gate.signals import SHIFTS, Signals
 from logs.log import Log
 from sim.arm import Arm
@@ -125,6 +125,8 @@ def limits(arm: Arm, logs: Sequence[Log], s: Signals, massive: bool, known: bool
     if wrong.sum() <= max(1, arm.n // 3):
         most = np.maximum(np.abs(low), np.abs(high))[j] / max(abs(arm.q_min[j]), abs(arm.q_max[j]))
         ways.append(Correction("scale", "q", (j,), float(f"{max(10.0, 2 * most):.3g}")))
+        room = (arm.q_min[j] - readings.OVER_RANGE, arm.q_max[j] + readings.OVER_RANGE)
+        ways += [Correction("zero", "q", (j,), by) for by in ZEROS if room[0] <= low[j] - by and high[j] - by <= room[1]]
     gains = [_gain_of(arm, s, way) if massive else 0.0 for way in ways]
     if massive and ways and max(gains) < -LEAST_GAIN:
         return GateCheck("limits", True, f"{what}; no unit makes the model fit better, so the stated limits are too narrow"), s
@@ -142,11 +144,11 @@ def limits(arm: Arm, logs: Sequence[Log], s: Signals, massive: bool, known: bool
     )
     if not causes:
         causes = (Cause("the readings are in another unit, or of another arm"),)
-    undone = bool(ways) and ways[order[0]].kind == "unit"
+    undone = bool(ways) and ways[order[0]].kind != "scale"
     if undone and massive:  # a position of next to nothing has no gravity to be wrong about: another reading may explain more
         rivals = ranked(arm, s, SHIFTS)[:1]
         undone = gains[order[0]] >= max([LEAST_GAIN, *(step.gain for step in rivals)])
-    return GateCheck("limits", False, what, causes, names), turned if undone else s
+    return GateCheck("limits", False, what, causes, names), read_as(s, ways[order[0]]) if undone else s
 
 
 def _turns_freely(arm: Arm, s: Signals) -> np.ndarray:

@@ -25,6 +25,8 @@ PARTS = 3
 MOST_STEPS = 5
 FAR_STEP, FARTHEST, FAR_SHARE, FAR_GAIN = 0.2, 20.0, 0.4, 0.5  # s; share of the recording; what more it must gain
 HARDLY, ALONE_GAIN = 0.5, 2.0  # of a joint's readings, in the median; and what a shift must gain that nothing else speaks for
+# rad: zeros by other conventions, and by the share of any joint's readings that is left from which they are tried
+ZEROS, POOR = (math.pi / 2, math.pi, -math.pi / 2), 0.15
 TRIED, FINER = 17, 3  # shifts at once, and how often an eighth of their range is looked at again
 
 
@@ -53,6 +55,8 @@ def read_as(s: Signals, c: Correction) -> Signals:
         order = np.arange(n)
         order[list(c.joints)] = order[list(c.joints[::-1])]
         return _each(s, c.part, lambda x: x[:, order])
+    if c.kind == "zero":
+        return replace(s, q=s.q - c.factor * np.eye(n)[list(c.joints)].sum(axis=0))
     factor = np.ones(n)
     at = list(c.joints) if c.joints else slice(None)
     if c.kind == "sign":
@@ -201,6 +205,10 @@ def _candidates(arm: Arm, s: Signals, shifts: Sequence[float]) -> Iterator[GainS
         order[[i, j]] = order[[j, i]]
         ways += [(Correction("swap", "motion", (i, j)), at), (Correction("swap", "all", (i, j)), order)]
         pairs += [(crossed, s.load), (crossed, s.load[:, order])]
+    if np.nanmax(np.append(base, 0.0)) > POOR:
+        for j, angle in itertools.product(range(n), ZEROS):
+            ways.append((Correction("zero", "q", (j,), angle), at))
+            pairs.append((_of_motion(arm, s, ways[-1][0]), s.load))
     for (correction, order), left in zip(ways, own_of(pairs), strict=True):
         yield GainStep(correction, _gain(size, left[order]))
 

@@ -1,4 +1,4 @@
-"""An arm on a wall or a ceiling whose model stands on the floor is refused, with the direction in which gravity pulls."""
+"""An arm on a wall or a ceiling whose model stands on the floor is refused, with the direction in which gravity pulls; and a torque without gravity."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from calib.gate.gate import gate
 from logs.log import Log
 from sim.arm import Arm, ArmEffect, load_arm
 from sim.effects import with_effect
+from sim.rigid_body import RigidBody
 
 X, Y, ASKEW = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.6, 0.8, 0.0)
 LOAD = ArmEffect("payload", None, {"mass": 2.0, "com_x": 0.0, "com_y": 0.05, "com_z": 0.05})
@@ -66,7 +67,7 @@ def test_a_wrong_sign_shows_beside_the_mounting() -> None:
     log = of(turned(varied(arm, 4, 0.05), 180.0, X), 34)
     log = replace(log, tau=log.tau * np.array([1, 1, -1, 1, 1, 1]))
     found = gate(arm, [log], family)
-    assert {check.check for check in found.checks if not check.ok} == {"mounting", "torque"}
+    assert {check.check for check in found.checks if not check.ok} == {"gravity", "torque"}
     assert "elbow_joint" in str(found.refusal)
 
 
@@ -77,3 +78,21 @@ def test_readings_that_are_no_numbers_are_no_crash(joint: int) -> None:
     tau = log.tau.copy()
     tau[:, joint] = np.nan
     assert "mounted otherwise" in str(gate(arm, [replace(log, tau=tau, current=np.full_like(tau, np.nan))], family).refusal)
+
+
+@pytest.mark.parametrize("share", [1.0, 0.95])
+@pytest.mark.parametrize("name", ["servo6", "ur10e"])
+def test_a_torque_that_leaves_out_gravity_is_refused(name: str, share: float) -> None:
+    arm = load_arm(name)
+    log = of(varied(arm, 4, 0.05), 34)
+    found = gate(arm, [replace(log, tau=log.tau - share * RigidBody(arm).gravity_torque(log.q))], family)
+    assert share < 1.0 or "leaves out gravity" in found.causes[0].sentence
+    assert found.refusal is not None
+    assert gate(arm, [log], family).refusal is None
+
+
+def test_an_arm_whose_gravity_loads_no_joint_is_not_asked() -> None:
+    """Its axes are vertical: gravity would load them on a wall alone."""
+    arm = load_arm("ur10e")
+    upright = replace(arm, tree=replace(arm.tree, gravity=np.zeros(3)))
+    assert gate(upright, [of(varied(upright, 4, 0.05), 34)], family).refusal is None
