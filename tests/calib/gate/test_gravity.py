@@ -41,9 +41,8 @@ def test_gravity_is_named_as_it_pulls(name: str, degrees: float, axis: tuple[flo
     assert refusal is not None
     (vector,) = re.findall(r"gravity pulls along \((.*?)\) m/s\^2", refusal)
     assert np.array([float(x) for x in vector.split(",")]) == pytest.approx(truth.gravity, abs=0.5)
-    assert f"turned by {degrees:.0f} deg" in re.sub(
-        r"\d+ deg", lambda m: f"{10 * round(int(m[0][:-4]) / 10) if degrees != 135 else 135} deg", refusal
-    )
+    (angle,) = re.findall(r"turned by (\d+) deg", refusal)
+    assert int(angle) == pytest.approx(degrees, abs=5)
     assert gate(turned(arm, degrees, axis), [of(truth, 34)], family).refusal is None
 
 
@@ -91,8 +90,7 @@ def test_a_torque_that_leaves_out_gravity_is_refused(name: str, share: float) ->
     assert gate(arm, [log], family).refusal is None
 
 
-def test_an_arm_whose_gravity_loads_no_joint_is_not_asked() -> None:
-    """Its axes are vertical: gravity would load them on a wall alone."""
+def test_a_model_without_gravity_has_no_direction_to_compare() -> None:
     arm = load_arm("ur10e")
-    upright = replace(arm, tree=replace(arm.tree, gravity=np.zeros(3)))
-    assert gate(upright, [of(varied(upright, 4, 0.05), 34)], family).refusal is None
+    floating = replace(arm, tree=replace(arm.tree, gravity=np.zeros(3)))
+    assert gate(floating, [of(varied(floating, 4, 0.05), 34)], family).refusal is None
