@@ -215,7 +215,7 @@ def _hanging(name: str, degrees: float, seed: int) -> Case:
     truth = varied(of, seed, 0.05)
     truth = replace(truth, tree=replace(truth.tree, gravity=turn.apply(of.gravity)))
     log = recorded(truth, within(truth, fourier_motion(truth, 400 + seed, 24.0, 100.0)), seed)
-    return Case(f"{name}: mounted at {degrees:g} deg", of, (log,), ("another mounting",), frozenset({"mounted otherwise"}))
+    return Case(f"{name}: mounted at {degrees:g} deg", of, (log,), ("another mounting",), frozenset({"mounted differently"}))
 
 
 def _unit(x: np.ndarray) -> np.ndarray:

@@ -9,12 +9,12 @@ import numpy as np
 from pydantic import Field
 
 from drivers.driver import DeviceInfo, DeviceStop, Driver
-from sim.arm import Arm, ArmEffect
+from sim.arm import Arm
 from sim.cell import Cell
 from sim.clock import Clock, MonotonicClock, SimulatedClock
-from sim.effects import with_effect
 from sim.errors import DeviceError
 from sim.finite import is_finite
+from sim.hidden import with_hidden_effects
 from sim.joint_state import JointState, Status
 from sim.plant import Plant
 from sim.strict import Positive, StrictTable, validated
@@ -60,10 +60,10 @@ class MockDriver(Driver):
         Where nobody stated its sensors and drives it has ordinary ones (`sim.usual_arm`); its drive knows of those, the tool does not.
         """
         options = validated(MockOptions, cell.table.options, cell.path)
-        drive = truth = usual_arm(arm)
-        for item in cell.table.emulation.effects:
-            truth = with_effect(truth, ArmEffect(item.effect, item.joint, dict(item.parameters)))
-        plant = Plant(truth, drive=drive, seed=cell.table.emulation.seed, obstacles=cell.table.obstacles)
+        drive = usual_arm(arm)
+        plant = Plant(
+            with_hidden_effects(drive, cell), drive=drive, seed=cell.table.emulation.seed, obstacles=cell.table.obstacles
+        )
         rate = options.rate or arm.sensors.rate
         clock: Clock = MonotonicClock() if options.realtime else SimulatedClock()
         return cls(plant, arm, rate, clock, options.stop_deceleration, cell.table.home)

@@ -93,6 +93,14 @@ def gear_side(state: PathState, stages: Stages) -> None:
         state.ddq_motor += np.gradient(speed, state.t, axis=0)
 
 
+def load_on_gears(arm: Arm, motion: Trajectory) -> np.ndarray:
+    """(N, n) N m that links, outer forces and springs put on the gears of `arm` along `motion`, without friction, motors and sensors."""
+    stages = by_stage(arm.effects, arm)
+    state = link_side(arm, motion, stages)
+    gear_side(state, stages)
+    return state.load
+
+
 def dahl(state: PathState, joint: int, lead: float) -> np.ndarray:
     """(N,) the direction of dry friction by Dahl's law along the motion of the motor."""
     columns = (np.ascontiguousarray(x[:, joint]) for x in (state.q_motor, state.dq_motor, state.width))

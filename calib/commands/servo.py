@@ -150,10 +150,12 @@ def scan(
             "--arm and --out belong together: a cell names its arm and joints; give both, or neither to look only"
         )
     if out is not None:  # before anybody turns a joint
-        if out.exists() or out.suffix != ".toml" or not is_name(out.stem):
+        if out.exists():
+            raise ConfigError(f"{out}: is there already, and is never overwritten; name a new file, or remove it")
+        if out.suffix != ".toml" or not is_name(out.stem):
             raise ConfigError(
-                f"{out}: it is there already, does not end in .toml, or {out.stem!r} is no name for a cell (letters, digits, dots, dashes and "
-                "underscores); name a new .toml file"
+                f"{out}: a cell's file ends in .toml, and {out.stem!r} must be letters, digits, dots, dashes and underscores; "
+                "give a name like cells/servo.toml"
             )
         out.parent.mkdir(parents=True, exist_ok=True)
     options_table = {

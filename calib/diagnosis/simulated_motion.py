@@ -30,7 +30,7 @@ class SimulatedMotion:
     @cached_property
     def _before(self) -> tuple[Measurement, tuple[ForwardError, ...]]:
         for m in self.shown:
-            errors = self._of(self.start, m)
+            errors = _errors(self.start, m, self.start)
             if errors[0].starts:
                 break
         return m, errors
@@ -39,7 +39,7 @@ class SimulatedMotion:
         """(before, after) for every horizon that has windows on that recording."""
         recording, before = self._before
         if id(change) not in self._known:
-            self._known[id(change)] = change, self._of(change.of(self.start), recording)
+            self._known[id(change)] = change, self._of(change, recording)
         return tuple((a, b) for a, b in zip(before, self._known[id(change)][1], strict=True) if a.starts)
 
     def rises(self, change: ArmChange) -> bool:
@@ -52,12 +52,16 @@ class SimulatedMotion:
         a, b = max(stable, key=lambda pair: pair[1].flange / max(pair[0].flange, 1e-12))
         return a.flange, b.flange
 
-    def _of(self, arm: Arm, m: Measurement) -> tuple[ForwardError, ...]:
+    def _of(self, change: ArmChange, m: Measurement) -> tuple[ForwardError, ...]:
         try:
-            return tuple(forward_error(arm, m, horizon, self.start) for horizon in FEW)
+            return _errors(change.of(self.start), m, self.start)
         except ConfigError:  # of masses that no body has
-            endless = np.full(arm.n, np.inf)
+            endless = np.full(self.start.n, np.inf)
             return tuple(ForwardError(h, endless, np.inf, endless, (0,), np.full(ENOUGH, np.inf)) for h in FEW)
+
+
+def _errors(arm: Arm, m: Measurement, start: Arm) -> tuple[ForwardError, ...]:
+    return tuple(forward_error(arm, m, horizon, start) for horizon in FEW)
 
 
 def _farther(a: ForwardError, b: ForwardError) -> bool:

@@ -2,7 +2,7 @@
 
     y_j = a tau_j + r ddq_j + v dq_j + c tanh(dq_j / 0.02) + o,    a, r, v, c >= 0
 
-tau the torque of the arm's rigid bodies along the motion. Friction takes energy, inertia is positive and gravity pulls down: a reading
+tau the torque of the arm's rigid bodies, and of the springs, couplings and pulls that its file states, along the motion. Friction takes energy, inertia is positive and gravity pulls down: a reading
 that needs one of them negative has the wrong sign, the wrong column or the wrong motion. What is left is compared between ways of reading
 the same data, never against an absolute bound: a bad model is bad either way.
 """
@@ -17,7 +17,10 @@ import numpy as np
 
 from calib.gate.signals import Signals
 from sim.arm import Arm
+from sim.effects import Stage, effect_named
+from sim.prediction import load_on_gears
 from sim.rigid_body import RigidBody
+from sim.trajectory import Trajectory
 
 SLOW = 0.02  # rad/s, m/s of a slide: about zero speed dry friction is not of one size
 LEAST_ROWS = 40
@@ -27,6 +30,11 @@ MOVING = 0.04  # of a joint's fastest; below, its load may be anything within it
 CORRELATED = 8.0  # neighbouring rows are not independent, and the model's own errors are not noise
 BOTH_WAYS = 0.05  # of the rows, for dry friction to be told from an offset
 FEW = 1e-9
+BEFORE_GEAR = (
+    Stage.ENCODER,
+    Stage.FORCE,
+    Stage.JOINT,
+)  # of effects that the fit has no column for; those of links are in the arm's tree
 SUBSETS = [list(at) for count in range(1, 5) for at in itertools.combinations(range(4), count)]
 
 
@@ -89,8 +97,15 @@ class GravityFit:
 
 
 def model_torque(arm: Arm, s: Signals) -> np.ndarray:
-    """(R, n) torque of the arm's rigid bodies along the motion."""
-    return RigidBody(arm).inverse_dynamics(s.q, s.dq, s.ddq)
+    """(R, n) torque of the arm's rigid bodies along the motion, with the springs, couplings and pulls that its file states."""
+    if len(s) < 2 or not any(effect_named(e.effect).stage in BEFORE_GEAR for e in arm.effects):
+        return RigidBody(arm).inverse_dynamics(s.q, s.dq, s.ddq)
+    return load_on_gears(arm, trajectory(s))
+
+
+def trajectory(s: Signals) -> Trajectory:
+    """The motion, with the rows of several recordings one after another."""
+    return Trajectory(np.median(np.diff(s.t)) * np.arange(len(s)), s.q, s.dq, s.ddq)
 
 
 def normal(s: Signals, tau: np.ndarray) -> Normal:

@@ -19,7 +19,7 @@ from calib.gate import clock, motion, readings, scale
 from calib.gate.check import CONVERT, LIKELIEST, MOST_CAUSES, OTHERS, Cause, GateCheck, options
 from calib.gate.compensation import compensated
 from calib.gate.correction import AS_RECORDED, assumed
-from calib.gate.fit import LEAST_SECONDS, fitted, model_torque
+from calib.gate.fit import LEAST_SECONDS, fitted, model_torque, trajectory
 from calib.gate.gravity import LEAST_GAIN, Reading, no_gravity, pull_of_gravity
 from calib.gate.missing import is_missing, without_mounting, without_springs
 from calib.gate.other_arm import other_arm
@@ -29,7 +29,6 @@ from calib.gate.signals import SHIFTS, Signals, signals
 from logs.log import Log
 from sim.arm import Arm
 from sim.prediction import torque_of_laws
-from sim.trajectory import Trajectory
 
 BY_MODEL = ("limits", "gravity", "torque", "size", "arm")
 MOST_OF_SIZE = 0.5
@@ -135,8 +134,7 @@ def _physics(arm: Arm, logs: Sequence[Log], family: Callable[[], Sequence[Arm]] 
     below = below_limits(arm, logs, load, s) if known else np.ones(len(s), dtype=bool)
     laws = [e for e in arm.effects if e.effect == "friction_law"]
     if laws:  # friction that was fitted to such readings is no mark of a wrong column
-        t = np.median(np.diff(s.t)) * np.arange(len(s))  # the rows of several recordings, one after another
-        s = replace(s, load=s.load - torque_of_laws(laws, arm, Trajectory(t, s.q, s.dq, s.ddq)))
+        s = replace(s, load=s.load - torque_of_laws(laws, arm, trajectory(s)))
     massive = arm.prior.numbers != "unknown" and bool(np.any(arm.tree.mass > 0)) and bool(np.isfinite(s.load).any())
     speed, s = motion.speed(arm, s, massive)
     limits, s = motion.limits(arm, logs, s, massive, known)

@@ -56,7 +56,7 @@ def pull_of_gravity(arm: Arm, s: Signals, read: Callable[[Arm], Reading]) -> tup
     if not (over > LEAST_GAIN or (simpler and over > -TIE)):
         return passed, arm, reading
     was, now = ("(" + ", ".join(f"{round(x, 1) + 0.0:.1f}" for x in g) + ")" for g in (arm.gravity, shown.gravity))
-    cause = f"the arm is mounted otherwise than its model, turned by {shown.angle:.0f} deg: set gravity of <option> in its folder's model.xml"
+    cause = f"the arm is mounted differently from its model, turned by {shown.angle:.0f} deg: set gravity of <option> in its folder's model.xml"
     rivals = [step for step in reading[0][:1] if over < TIE]
     causes = [Cause(step.correction.sentence(arm.joint_names), min(step.gain, gain), (step.correction,)) for step in rivals]
     detail = f"gravity pulls along {now} m/s^2 of the base frame and along {was} in the model of {arm.name}"
@@ -89,8 +89,8 @@ def _shown(arm: Arm, s: Signals) -> Shown | None:
     """None where fewer than LEAST_JOINTS joints show gravity, or would."""
     modelled, size = arm.gravity, float(np.linalg.norm(arm.gravity))
     body, still = RigidBody(arm), np.zeros_like(s.q)
-    without = body.inverse_dynamics(s.q, s.dq, s.ddq, gravity=np.zeros(3))
     columns = np.stack([body.inverse_dynamics(s.q, still, still, gravity=axis) for axis in np.eye(3)], axis=2)
+    without = model_torque(arm, s) - columns @ modelled
     joints: list[tuple[np.ndarray, np.ndarray, float]] = []
     in_motion = moving(s)
     for j in range(s.n):

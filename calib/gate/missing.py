@@ -28,8 +28,8 @@ def mounting_torque(
     body, tau = RigidBody(arm), model_torque(arm, s)
     columns = body.regressor(s.q, s.dq, s.ddq)[:, :, 10 * (arm.n - 1) : 10 * (arm.n - 1) + 4]
     if "tilt" in beside:  # gravity keeps its size
-        level = np.linalg.svd(arm.tree.gravity[None])[2][1:]
-        tilted = [body.inverse_dynamics(s.q, s.dq, s.ddq, arm.tree.gravity + way) - tau for way in level]
+        level, still = np.linalg.svd(arm.tree.gravity[None])[2][1:], np.zeros_like(s.q)
+        tilted = [body.inverse_dynamics(s.q, still, still, gravity=way) for way in level]
         columns = np.concatenate([columns, np.stack(tilted, axis=2)], axis=2)
     if "pull" in beside:
         columns = np.concatenate([columns, np.swapaxes(body.jacobian(s.q)[0], 1, 2)], axis=2)

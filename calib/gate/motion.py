@@ -126,7 +126,8 @@ def limits(arm: Arm, logs: Sequence[Log], s: Signals, massive: bool, known: bool
         most = np.maximum(np.abs(low), np.abs(high))[j] / max(abs(arm.q_min[j]), abs(arm.q_max[j]))
         ways.append(Correction("scale", "q", (j,), float(f"{max(10.0, 2 * most):.3g}")))
         room = (arm.q_min[j] - readings.OVER_RANGE, arm.q_max[j] + readings.OVER_RANGE)
-        ways += [Correction("zero", "q", (j,), by) for by in ZEROS if room[0] <= low[j] - by and high[j] - by <= room[1]]
+        zeros = () if arm.tree.prismatic[j] else ZEROS
+        ways += [Correction("zero", "q", (j,), by) for by in zeros if room[0] <= low[j] - by and high[j] - by <= room[1]]
     gains = [_gain_of(arm, s, way) if massive else 0.0 for way in ways]
     if massive and ways and max(gains) < -LEAST_GAIN:
         return GateCheck("limits", True, f"{what}; no unit makes the model fit better, so the stated limits are too narrow"), s
@@ -163,4 +164,4 @@ def _turns_freely(arm: Arm, s: Signals) -> np.ndarray:
 
 
 def _every(s: Signals, step: int) -> Signals:
-    return replace(s, q=s.q[::step], dq=s.dq[::step], ddq=s.ddq[::step])
+    return replace(s, t=s.t[::step], q=s.q[::step], dq=s.dq[::step], ddq=s.ddq[::step])

@@ -206,7 +206,7 @@ def _candidates(arm: Arm, s: Signals, shifts: Sequence[float]) -> Iterator[GainS
         ways += [(Correction("swap", "motion", (i, j)), at), (Correction("swap", "all", (i, j)), order)]
         pairs += [(crossed, s.load), (crossed, s.load[:, order])]
     if np.nanmax(np.append(base, 0.0)) > POOR:
-        for j, angle in itertools.product(range(n), ZEROS):
+        for j, angle in itertools.product(np.flatnonzero(~arm.tree.prismatic).tolist(), ZEROS):
             ways.append((Correction("zero", "q", (j,), angle), at))
             pairs.append((_of_motion(arm, s, ways[-1][0]), s.load))
     for (correction, order), left in zip(ways, own_of(pairs), strict=True):

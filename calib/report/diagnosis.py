@@ -104,7 +104,9 @@ def actions(diagnosis: Mapping[str, Any]) -> list[str]:
             "Inspect the joint and what moves with it; the curves in the report show when the residual appears. Record it again, warm and slow, to see whether the residual is still there."
         )
     elif verdict == "bad_data":
-        steps.append("Correct the failed checks, then record again.")
+        steps.append(
+            "Correct what the refusal names, in the arm's folder, the cell or the recording, and ask again; record anew only where a reading is lost."
+        )
     if diagnosis["arm_out"] is None and diagnosis.get("refused"):
         steps.append("The arm stays as it was: no corrected arm that was tried is better.")
         steps += filter(None, [_refit(diagnosis)])

@@ -54,6 +54,20 @@ def test_an_obstacle_without_extent(tmp_path: Path, obstacle: str, message: str)
         opened(tmp_path, f'[[obstacles]]\nname = "thing"\n{obstacle}')
 
 
+@pytest.mark.parametrize(
+    ("effect", "message"),
+    [
+        ('effect = "joint_sprong"\nparameters = {}', "there is no effect 'joint_sprong'"),
+        ('effect = "viscous_friction"\nparameters = { viscous = 1.0 }', "a joint is needed"),
+        ('effect = "base_tilt"\nparameters = { roll = 9.0, pitch = 0.0 }', "roll = 9.0 rad"),
+    ],
+)
+def test_a_hidden_effect_that_cannot_be(tmp_path: Path, effect: str, message: str) -> None:
+    with pytest.raises(ConfigError, match=r"cell\.toml: \[emulation\]: ") as error:
+        opened(tmp_path, f"[[emulation.effects]]\n{effect}")
+    assert message in str(error.value)
+
+
 def test_what_a_cell_assumes(tmp_path: Path) -> None:
     opened(tmp_path, 'assume = ["watchdog-works"]')
     assert "pulling the cable" in load_cell(tmp_path / "cell.toml").assumed["watchdog-works"]

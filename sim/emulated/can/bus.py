@@ -5,16 +5,16 @@ from __future__ import annotations
 import can
 import numpy as np
 
-from sim.arm import Arm, ArmEffect
+from sim.arm import Arm
 from sim.can_wiring import CanOptions
 from sim.cell import Cell
-from sim.effects import with_effect
 from sim.emulated.can.cubemars import CubeMars
 from sim.emulated.can.damiao import Damiao
 from sim.emulated.can.odrive import ODrive
 from sim.emulated.can.robstride import RobStride
 from sim.emulated.can.servo import Body, Servo, standard
 from sim.errors import ConfigError
+from sim.hidden import with_hidden_effects
 from sim.plant import Plant
 from sim.resources import nearest
 
@@ -170,10 +170,7 @@ class EmulatedBus:
 
 def build_bus(cell: Cell, arm: Arm, options: CanOptions, rest: list[float]) -> EmulatedBus:
     """The bus that a cell describes: one drive for each servo, the arm with the cell's hidden effects behind them."""
-    truth = arm
-    for item in cell.table.emulation.effects:
-        truth = with_effect(truth, ArmEffect(item.effect, item.joint, dict(item.parameters)))
-    body = Body(Plant(truth, drive=arm, seed=cell.table.emulation.seed), np.array(rest))
+    body = Body(Plant(with_hidden_effects(arm, cell), drive=arm, seed=cell.table.emulation.seed), np.array(rest))
     servos = [_servo(options, body, j) for j in range(arm.n)]
     return EmulatedBus(servos, body, arm.joint_names, options.bitrate, cell.table.emulation.seed, options.data_bitrate)
 

@@ -7,13 +7,13 @@ import re
 import numpy as np
 from pydantic import field_validator
 
-from sim.arm import Arm, ArmEffect, load_arm
+from sim.arm import Arm, load_arm
 from sim.cell import Cell
-from sim.effects import with_effect
 from sim.emulated.ur.emulator import UrEmulator
 from sim.emulated.ur.primary import held
 from sim.emulated.ur.robot import Robot
 from sim.errors import ConfigError
+from sim.hidden import with_hidden_effects
 from sim.plant import Plant
 from sim.strict import StrictTable, validated
 
@@ -53,10 +53,7 @@ def emulator(cell: Cell, arm: Arm) -> UrEmulator:
         raise ConfigError(f"{cell.path}: arm {arm.name} has {arm.n} joints, a UR controller drives {JOINTS}")
     settings = validated(UrEmulation, cell.table.emulation.options, cell.path)
     arm = arm if settings.arm is None else load_arm(settings.arm)
-    truth = arm
-    for item in cell.table.emulation.effects:
-        truth = with_effect(truth, ArmEffect(item.effect, item.joint, dict(item.parameters)))
-    plant = Plant(truth, drive=arm, seed=cell.table.emulation.seed, obstacles=cell.table.obstacles)
+    plant = Plant(with_hidden_effects(arm, cell), drive=arm, seed=cell.table.emulation.seed, obstacles=cell.table.obstacles)
     payload = cell.table.payload
     gravity = arm.gravity
     robot = Robot(

@@ -76,7 +76,7 @@ def test_readings_that_are_no_numbers_are_no_crash(joint: int) -> None:
     log = of(turned(varied(arm, 4, 0.05), 180.0, X), 34)
     tau = log.tau.copy()
     tau[:, joint] = np.nan
-    assert "mounted otherwise" in str(gate(arm, [replace(log, tau=tau, current=np.full_like(tau, np.nan))], family).refusal)
+    assert "mounted differently" in str(gate(arm, [replace(log, tau=tau, current=np.full_like(tau, np.nan))], family).refusal)
 
 
 @pytest.mark.parametrize("share", [1.0, 0.95])

@@ -77,6 +77,26 @@ def test_a_spring_hides_no_wrong_unit() -> None:
     assert WRIST in refusal
 
 
+@pytest.mark.parametrize(
+    "effect",
+    [
+        ArmEffect("joint_spring", "shoulder_lift_joint", {"stiffness": 25.0, "rest_angle": 0.3}),
+        ArmEffect("joint_spring", "elbow_joint", {"stiffness": 15.0, "rest_angle": 0.0}),
+        PULLS[1],
+    ],
+    ids=["lift", "elbow", "pull"],
+)
+def test_what_the_file_states_is_part_of_the_model(effect: ArmEffect) -> None:
+    """25 N m/rad are more than gravity does at a joint of an arm of 4 kg."""
+    of = with_effect(arm("servo6"), effect)
+    log = recorded(of, within(of, fourier_motion(of, 31, 20.0, 100.0)), 3)
+    assert gate(of, [log], family=family).refusal is None
+    reversed_ = log.tau * np.array([1, -1, 1, 1, 1, 1])
+    refusal = gate(of, [replace(log, tau=reversed_)], family=family).refusal
+    assert refusal is not None
+    assert "shoulder_lift_joint" in refusal.split("Other causes")[0]
+
+
 def test_a_spring_hides_no_exchanged_columns() -> None:
     log = sprung("ur10e", 32, 30.0)
     exchanged = log.tau[:, np.array([0, 1, 2, 4, 3, 5])]
