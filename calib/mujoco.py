@@ -21,11 +21,12 @@ import mujoco
 
 from sim.arm import load_arm
 from sim.errors import ConfigError
-from sim.exported import ExportedArm, Reading, effects_table
+from sim.exported import ExportedArm, Reading
+from sim.exported_table import TABLE
 from sim.files import as_text, read_bytes
 from sim.model import MAX_MESH, compiled
 from sim.model import no_callback as paused
-from sim.mujoco_export import TABLE, exported_model
+from sim.mujoco_export import exported_model
 
 __all__ = ["Reading", "install", "load", "paused", "read"]
 Passive = Callable[[mujoco.MjModel, mujoco.MjData], None]
@@ -43,7 +44,7 @@ def load(arm: str | Path, configs: Path | None = None) -> mujoco.MjModel:
     else:
         found = load_arm(arm, configs)
         model = compiled(exported_model(found).text, found.model_path.parent, found.name)
-    if effects_table(model) is None:
+    if not ExportedArm.all_of(model):
         raise ConfigError(f"{path}: has no <custom> text {TABLE}, so no effects are known of it; write it with `calib export`")
     install()
     return model
@@ -56,14 +57,28 @@ def install() -> None:
         mujoco.set_mjcb_passive(_Callback(before))
 
 
-def read(model: mujoco.MjModel, data: mujoco.MjData) -> Reading:
-    """The state as encoders and drives would report it; torque as of the last evaluation, which mj_step made at the step's begin."""
-    arm = ExportedArm.of(model)
-    if arm is None:
+def read(model: mujoco.MjModel, data: mujoco.MjData, arm: str | None = None) -> Reading:
+    """The state as encoders and drives would report it; torque as of the last evaluation, which mj_step made at the step's begin.
+
+    arm: the prefix (or suffix) with which it was attached, where a model has several. ConfigError where there is none such, or the step is so
+    short that the delay of the torque channel is longer than the sensors' memory.
+    """
+    arms = ExportedArm.all_of(model)
+    if not arms:
         raise ConfigError(
             f"this model has no <custom> text {TABLE}; write it with `calib export`, or load it with calib.mujoco.load"
         )
-    return arm.reading(data)
+    if (arm is None and len(arms) > 1) or (arm is not None and arm not in arms):
+        raise ConfigError(
+            f"{f'no arm is attached with {arm!r}' if arm else 'the model has several arms'}; give one of {sorted(arms)}"
+        )
+    one = arms[next(iter(arms)) if arm is None else arm]
+    if model.opt.timestep < (1 - 1e-9) * one.least_step:
+        raise ConfigError(
+            f"the step of {model.opt.timestep:g} s is too short for the delay of the torque readings: the model keeps enough for steps of "
+            f"{one.least_step:g} s and more; raise nsample of its sensors"
+        )
+    return one.reading(data)
 
 
 class _Callback:
@@ -75,6 +90,6 @@ class _Callback:
     def __call__(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
         if self.before is not None:
             self.before(model, data)
-        arm = ExportedArm.of(model)
-        if arm is not None and arm.acts:
-            arm.add_forces(model, data)
+        for arm in ExportedArm.all_of(model).values():
+            if arm.acts:
+                arm.add_forces(model, data)

@@ -2,22 +2,21 @@
 
 from __future__ import annotations
 
-import json
 from collections import OrderedDict
 from collections.abc import Hashable, Iterator
 from dataclasses import dataclass, replace
 from threading import Lock
-from typing import Any
 
 import mujoco
 import numpy as np
 
 from sim.effects import Effect, PathState, Stage, effect_named
 from sim.errors import ConfigError
+from sim.exported_table import EffectsTable, effects_tables
 from sim.instant import instant
 from sim.mjcf import TWIST
 from sim.mjcf_drives import READING
-from sim.mujoco_export import DRY, SCHEMA, TABLE
+from sim.mujoco_export import DRY
 
 MANY = 1000  # simulations whose memory is kept at once
 MODELS = 100  # whose effects are: those that were used last
@@ -46,45 +45,55 @@ class _Item:
 class ExportedArm:
     """The effects of one exported model, with the indices of its elements."""
 
-    _known: OrderedDict[tuple[int, bytes], ExportedArm | None] = OrderedDict()
+    _known: OrderedDict[tuple[int, bytes, bytes], dict[str, ExportedArm]] = OrderedDict()
     _keeping = Lock()  # MuJoCo may call from any thread
 
     @classmethod
-    def of(cls, model: mujoco.MjModel) -> ExportedArm | None:
-        """The effects of `model`, None where `calib export` did not write it."""
-        key = (int(model.signature), model.text_data)
+    def all_of(cls, model: mujoco.MjModel) -> dict[str, ExportedArm]:
+        """The arms of `model` that `calib export` wrote, by the prefix (or suffix) with which they were attached."""
+        key = (int(model.signature), model.text_data, model.names)
         with cls._keeping:
             if key not in cls._known:
-                table = effects_table(model)
-                cls._known[key] = None if table is None else cls(model, table)
+                cls._known[key] = {a + z: cls(model, table, a, z) for (a, z), table in effects_tables(model).items()}
                 while len(cls._known) > MODELS:
                     cls._known.popitem(last=False)
             cls._known.move_to_end(key)
             return cls._known[key]
 
-    def __init__(self, model: mujoco.MjModel, table: dict[str, Any]) -> None:
-        names: list[str] = table["joints"]
+    def __init__(self, model: mujoco.MjModel, table: EffectsTable, before: str = "", after: str = "") -> None:
+        def named(name: str) -> str:
+            return f"{before}{name}{after}"
+
+        joints, names = table.joints, [named(joint) for joint in table.joints]
+        missing = [name for name in names if mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, name) < 0]
+        if missing:
+            raise ConfigError(
+                f"the model's table of effects names the joint {missing[0]}, which it has not; export the arm again"
+            )
         self.n = len(names)
         self.dof = np.array([model.joint(name).dofadr[0] for name in names])
         self.qpos = np.array([model.joint(name).qposadr[0] for name in names])
         self.last = model.joint(names[-1]).id
         self.body = int(model.jnt_bodyid[self.last])
         kind = mujoco.mjtObj.mjOBJ_JOINT
-        soft = [(j, mujoco.mj_name2id(model, kind, TWIST.format(joint=name))) for j, name in enumerate(names)]
+        soft = [(j, mujoco.mj_name2id(model, kind, named(TWIST.format(joint=joint)))) for j, joint in enumerate(joints)]
         self.twist = [(j, int(model.jnt_qposadr[k]), int(model.jnt_dofadr[k])) for j, k in soft if k >= 0]
         for j, k in soft:
             if k >= 0 and j == self.n - 1:
                 self.body = int(model.jnt_bodyid[k])
         self.dry = {
-            names.index(joint): (model.actuator(DRY.format(joint)).id, law) for joint, law in table["dry_friction"].items()
+            joints.index(joint): (model.actuator(named(DRY.format(joint))).id, law) for joint, law in table.dry_friction.items()
         }
-        self.motors = [(j, *place) for j, name in enumerate(names) for place in _motor_sensors(model, name)]
+        reading = [before + READING.format(joint) for joint in joints]
+        self.motors = [(j, *place) for j, name in enumerate(names) for place in _motor_sensors(model, reading[j], after, name)]
         self.driven = np.isin(np.arange(self.n), [j for j, *_ in self.motors])
+        self.least_step = _least_step(model, [sensor for _, sensor, *_ in self.motors])
         self.items: dict[Stage, list[_Item]] = {stage: [] for stage in Stage}
-        for row in table["effects"]:
-            effect = effect_named(row["effect"])
-            joint = None if row["joint"] is None else names.index(row["joint"])
-            self.items[effect.stage].append(_Item(effect, joint, row["parameters"], row["form"] == "native", row["shapes"]))
+        for row in table.effects:
+            effect = effect_named(row.effect)
+            joint = None if row.joint is None else joints.index(row.joint)
+            if row.form != "none":
+                self.items[effect.stage].append(_Item(effect, joint, row.parameters, row.form == "native", row.shapes))
         stages = (Stage.FORCE, Stage.JOINT, Stage.FRICTION, Stage.MOTOR)
         self.ours = {stage: [item for item in self.items[stage] if not item.native] for stage in stages}
         self.level = [item for item in self.items[Stage.FRICTION] if item.joint in self.dry and not item.shapes]
@@ -118,10 +127,13 @@ class ExportedArm:
         _apply(state, self.level)
         for j, (actuator, law) in self.dry.items():
             level, warmth = float(state.level[0, j]), float(state.warmth[0, j])
-            excess = law["lugre"][1] - law["lugre"][0]
+            excess = law.lugre[1] - law.lugre[0]
             model.actuator_biasprm[actuator, 3] = warmth * max(level, 1e-9)
             model.actuator_biasprm[actuator, 4] = warmth * max(level + excess, 1e-9)
-            model.actuator_dynprm[actuator, 5] = warmth * law["stiffness"]
+            model.actuator_dynprm[actuator, 5] = warmth * law.stiffness
+            # its force is at most that of the friction: in fast motion a level that varies with the load would come back amplified
+            damping, most = warmth * law.damping, max(warmth * level, 1e-9)
+            model.actuator_dynprm[actuator, 6] = damping / (1 + damping * abs(float(state.dq[0, j])) / most)
         if self.warmed and np.any(state.warmth != 1.0):
             # the elements have it cold
             cold = replace(state, warmth=np.ones_like(state.warmth), tau=np.zeros_like(state.tau))
@@ -176,7 +188,7 @@ class ExportedArm:
                 q_motor, dq_motor = _read_angle(item, q_motor, dq_motor)
                 q, dq = _read_angle(item, q, dq)
         torque = np.where(self.driven, 0.0, np.nan)
-        for j, address, gear in self.motors:
+        for j, _, address, gear in self.motors:
             torque[j] += gear * data.sensordata[address]
         if self.items[Stage.SENSOR]:
             state = self._instant(data)
@@ -186,12 +198,21 @@ class ExportedArm:
         return Reading(q, dq, q_motor, dq_motor, torque)
 
 
-def _motor_sensors(model: mujoco.MjModel, joint: str) -> Iterator[tuple[int, float]]:
-    """(address in sensordata, gear ratio) of the sensor of each motor of a joint."""
+def _motor_sensors(model: mujoco.MjModel, reading: str, after: str, joint: str) -> Iterator[tuple[int, int, float]]:
+    """(sensor, its address in sensordata, gear ratio) of each motor of a joint."""
     for k in range(model.nsensor):
         name, motor = mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_SENSOR, k) or "", int(model.sensor_objid[k])
-        if name.startswith(READING.format(joint)) and int(model.actuator_trnid[motor, 0]) == model.joint(joint).id:
-            yield int(model.sensor_adr[k]), float(model.actuator_gear[motor, 0])
+        ours = name.startswith(reading) and name.endswith(after)
+        if ours and int(model.actuator_trnid[motor, 0]) == model.joint(joint).id:
+            yield k, int(model.sensor_adr[k]), float(model.actuator_gear[motor, 0])
+
+
+def _least_step(model: mujoco.MjModel, sensors: list[int]) -> float:
+    """s: with a shorter step the sensors' memory does not reach back by their delay."""
+    return max(
+        (float(model.sensor_delay[k]) / (int(model.sensor_history[k, 0]) - 2) for k in sensors if model.sensor_delay[k] > 0),
+        default=0.0,
+    )
 
 
 def _apply(state: PathState, items: list[_Item]) -> None:
@@ -205,26 +226,3 @@ def _read_angle(item: _Item, q: np.ndarray, dq: np.ndarray) -> tuple[np.ndarray,
     dq[here] = item.effect.reading_speed(q[here], dq[here], item.parameters)
     q[here] = item.effect.reading(q[here], item.parameters)
     return q, dq
-
-
-def effects_table(model: mujoco.MjModel) -> dict[str, Any] | None:
-    """The table of effects inside a model; None where it has none, ConfigError where it cannot be read."""
-    place = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_TEXT, TABLE)
-    if place < 0:
-        return None
-    start = int(model.text_adr[place])
-    text = model.text_data[start : start + int(model.text_size[place])].split(b"\0")[0].decode()
-    try:
-        table = json.loads(text)
-        known = {"schema", "arm", "sha256", "joints", "dry_friction", "effects"}
-        if table["schema"] != SCHEMA or set(table) != known:
-            raise ValueError(f"schema {table.get('schema')!r}, where {SCHEMA!r} is read")
-        for row in table["effects"]:
-            names = {p.name for p in effect_named(row["effect"]).parameters}
-            if set(row["parameters"]) != names or not all(np.isfinite(float(v)) for v in row["parameters"].values()):
-                raise ValueError(f"{row['effect']}: parameters {row['parameters']}")
-            if row["joint"] is not None and row["joint"] not in table["joints"]:
-                raise ValueError(f"{row['effect']}: joint {row['joint']!r}")
-    except (ValueError, KeyError, TypeError, AttributeError) as error:
-        raise ConfigError(f"<custom> text {TABLE} of the model cannot be used ({error}); export the arm again") from error
-    return dict(table)

@@ -14,6 +14,7 @@ from sim.effects import Stage, effect_named
 from sim.mjcf import full_inertia, joint_size
 from sim.mjcf_edit import mounted
 from sim.model import compiled
+from sim.own_values import effort_limits
 from sim.prediction import by_stage
 from sim.slip import SLIP_WIDTH
 from sim.torque_path import PathState
@@ -112,7 +113,9 @@ def isaaclab_actuator(arm: Arm) -> dict[str, Any]:
             dry |= form.dry
             own = form.mjcf.joint if form.mjcf else {}
             joint |= {key: float(own[key]) for key in ("armature", "damping") if key in own}
-            held = form.form == "native" and ({"armature", "damping", "frictionloss"} & set(own) or "excess" in form.dry)
+            held = form.form == "native" and (
+                {"armature", "damping", "frictionloss"} & set(own) or "excess" in form.dry or form.limit is not None
+            )
             if not held:
                 left_out.append({"effect": effect, "joint": name})
         level = dry.get("level", 0.0)
@@ -123,7 +126,7 @@ def isaaclab_actuator(arm: Arm) -> dict[str, Any]:
             rows[key][name] = value
     limits: dict[str, Any] = {
         key: {name: float(v) for name, v in zip(arm.joint_names, row, strict=True) if np.isfinite(v)}
-        for key, row in (("effort_limit_sim", arm.tau_max), ("velocity_limit_sim", arm.dq_max))
+        for key, row in (("effort_limit_sim", effort_limits(arm)), ("velocity_limit_sim", arm.dq_max))
     }
     left_out += [{"effect": e.effect, "joint": None} for e in arm.effects if e.joint is None]
     actuator: dict[str, Any] = {"joint_names_expr": list(arm.joint_names), "stiffness": None, "damping": None, **rows}

@@ -12,6 +12,8 @@ from sim.mjcf import numbers, section
 
 Element = ElementTree.Element
 READING = "calib_torque_{}"
+FINER = 8  # times a step may be shorter than the model's for its delays to be held
+LEAST_LIMIT = 1e-9  # N m: MuJoCo takes no force range of zero
 
 
 def set_range(element: Element, arm: Arm, model: mujoco.MjModel, j: int, degrees: bool) -> None:
@@ -30,13 +32,16 @@ def set_limit(model: mujoco.MjModel, elements: list[Element], motors: list[Eleme
         if model.actuator_forcelimited[k]:
             least = min(least, float(np.abs(model.actuator_forcerange[k]).min()))
         motor.attrib.pop("forcelimited", None)
+        least = max(least, LEAST_LIMIT)
         motor.set("forcerange", numbers([-least, least]))
         motor.set("forcelimited", "true")
 
 
 def add_readings(root: Element, own: list[Element], arm: Arm, delay: float, step: float) -> None:
     """One sensor a motor for its force before the gear, as late as the arm's torque channel is."""
-    late = {"delay": repr(delay), "nsample": str(int(np.ceil(delay / step)) + 2), "interp": "linear"} if delay > 0 else {}
+    late = (
+        {"delay": repr(delay), "nsample": str(int(np.ceil(delay * FINER / step)) + 2), "interp": "linear"} if delay > 0 else {}
+    )
     sensors = section(root, "sensor")
     for old in [e for e in sensors if e.get("name", "").startswith("calib_")]:
         sensors.remove(old)

@@ -34,7 +34,7 @@ def passive(
     return motor | ({"cogging": f"{amplitude!r} {cycles!r} {phase!r}"} if amplitude else {}) | attributes
 
 
-Form = Literal["native", "callback", "sensor"]
+Form = Literal["native", "callback", "sensor", "none"]
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class Exported:
     """How an exported MuJoCo model has an effect: its form, the element or function that has it, and the error of that in words.
 
     form     native: plain MuJoCo simulates it. callback: `calib.mujoco` adds its torque each step. sensor: it leaves the motion as
-             it is and changes a reading, which `calib.mujoco.read` returns
+             it is and changes a reading, which `calib.mujoco.read` returns. none: left out
     error    "" where the form is exact
     mjcf     elements and joint attributes that stand by themselves
     damping  (a, b, c): torque a v + b v |v| + c v^3 beside the joint's own damping

@@ -19,13 +19,13 @@ import numpy as np
 from sim.arm import Arm, ArmEffect
 from sim.arm_folder import JOINT_KEYS, model_text
 from sim.effects import Effect, Exported, Stage, effect_named
+from sim.exported_table import SCHEMA, TABLE
 from sim.foreign_physics import foreign_physics, without_foreign_physics
 from sim.mjcf import SOFT_STEP, STEP, joint_size, least_rotor, numbers, section
 from sim.mjcf_drives import add_readings, set_limit, set_range
 from sim.mjcf_edit import actuators_of, bodies_of, in_degrees
 from sim.mjcf_form import passive
 from sim.model import compiled
-from sim.model_text import EXPORTED as TABLE
 from sim.own_values import value_of
 from sim.rigid_body import RigidBody
 from sim.self_contact import exclude_lasting_contacts
@@ -34,9 +34,11 @@ from sim.split_joint import extend_keys, split_joint
 
 Element = ElementTree.Element
 DRY, WORLD, LAST = "calib_dry_friction_{}", "calib_world", "calib_last_link"
-SCHEMA = "effects/1"
 # the stiffest bristle of a joint of inertia M at a step h: its natural frequency is a quarter of 1/h
 STIFFEST = 0.25**2
+# steps of the bristle's own relaxation: MuJoCo takes the deflection of the step before, which is a damping of -stiffness * step; with less than
+# this against it a joint that stands under load vibrates and creeps by 1 mrad/s
+DAMPING = 1.5
 
 
 @dataclass(frozen=True)
@@ -76,7 +78,7 @@ def exported_model(arm: Arm) -> ExportedModel:
     degrees = in_degrees(root)
     elements = actuators_of(root)
     own = [e for e in elements if not e.get("name", "").startswith("calib_")]
-    stiffest = STIFFEST * _inertia(arm) / step**2
+    inertia = _inertia(arm)
     dry = {}
     for j, joint in enumerate(arm.joint_names):
         here = [e for e in entries if e.item.joint == joint]
@@ -97,14 +99,14 @@ def exported_model(arm: Arm) -> ExportedModel:
             element.set("actuatorfrclimited", "false")
             limits.append(float(np.abs(model.jnt_actfrcrange[j]).min()))
         set_limit(model, elements, motors, limits)
-        law = _dry_friction(here, float(stiffest[j]), arm.tau_max[j])
+        law = _dry_friction(here, float(inertia[j]), step, arm.tau_max[j])
         if law is not None:
             dry[joint] = law
             element.set("frictionloss", "0")
             ElementTree.SubElement(
                 actuators,
                 "dcmotor",
-                passive(DRY.format(joint), joint=joint) | {"lugre": numbers([law["stiffness"], 0.0, *law["lugre"]])},
+                passive(DRY.format(joint), joint=joint) | {"lugre": numbers([law["stiffness"], law["damping"], *law["lugre"]])},
             )
     _add_forces(root, model, bodies, actuators, entries)
     add_readings(root, own, arm, max([e.form.delay for e in entries], default=0.0), step)
@@ -146,11 +148,11 @@ def _table(
     rows = []
     for entry in entries:
         item, form = entry.item, entry.form
-        error = form.error
+        error, kind, how = form.error, form.form, _how(form, item, dry)
         if form.limit is not None and item.joint not in driven:
             error = "this model has no motor on the joint: limit the torque that you apply"
         if form.twist and gears.get(item.joint or "") is not entry:
-            error = "left out: another effect of this joint is its soft gear"
+            error, kind, how = "left out: another effect of this joint is its soft gear", "none", ""
         elif form.twist and item.joint in raised:
             error = (
                 f"reflected inertia raised to {raised[item.joint]:.2g} kg m^2: the simulation step needs it behind this gear"
@@ -158,7 +160,7 @@ def _table(
         if "stiffness" in form.dry and dry.get(item.joint or "", {}).get("softened"):
             error = f"softened to {dry[item.joint or '']['stiffness']:.3g} N m/rad, which the simulation step allows"
         rows.append({
-            "effect": item.effect, "joint": item.joint, "parameters": item.parameters, "form": form.form, "how": _how(form, item, dry),
+            "effect": item.effect, "joint": item.joint, "parameters": item.parameters, "form": kind, "how": how,
             "error": error, "shapes": "excess" in form.dry or "stiffness" in form.dry,
         })  # fmt: skip
     return {
@@ -182,7 +184,7 @@ def _inertia(arm: Arm) -> np.ndarray:
     return np.array(rotors) + 1 / np.diag(np.linalg.inv(mass))
 
 
-def _dry_friction(here: list[_Entry], stiffest: float, tau_max: float) -> dict[str, Any] | None:
+def _dry_friction(here: list[_Entry], inertia: float, step: float, tau_max: float) -> dict[str, Any] | None:
     """The LuGre element of a joint whose dry friction is more than a level; None where frictionloss has it all."""
     shares: dict[str, float] = {}
     for entry in here:
@@ -201,7 +203,9 @@ def _dry_friction(here: list[_Entry], stiffest: float, tau_max: float) -> dict[s
         stiffness = usual / SLIP_WIDTH
     floor = max(peak, 1e-9)  # MuJoCo wants a level above zero
     lugre = [max(level, floor - excess), floor, shares.get("velocity", 1.0)]
-    return {"stiffness": min(stiffness, stiffest), "softened": stiffness > stiffest and "stiffness" in shares, "lugre": lugre}
+    stiffest = STIFFEST * inertia / step**2
+    softened, stiffness = stiffness > stiffest and "stiffness" in shares, min(stiffness, stiffest)
+    return {"stiffness": stiffness, "damping": DAMPING * stiffness * step, "softened": softened, "lugre": lugre}
 
 
 def _set_option(root: Element, step: float) -> None:

@@ -16,3 +16,8 @@ def value_of(arm: Arm, effect: str, joint: str | None, parameter: str, neutral: 
 def values_of(arm: Arm, effect: str, parameter: str, neutral: float = 0.0) -> np.ndarray:
     """(n,) the same of every joint."""
     return np.array([value_of(arm, effect, joint, parameter, neutral) for joint in arm.joint_names])
+
+
+def effort_limits(arm: Arm) -> np.ndarray:
+    """(n,) N m that each joint's motors deliver at most: the arm's limit, or that of its torque_saturation."""
+    return np.fmin(arm.tau_max, values_of(arm, "torque_saturation", "limit", np.inf))

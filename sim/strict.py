@@ -39,7 +39,7 @@ class StrictTable(BaseModel):
     model_config = ConfigDict(extra="forbid", strict=False, frozen=True)
 
 
-def validated(table: type[T], data: dict[str, Any], file: Path) -> T:
+def validated(table: type[T], data: dict[str, Any], file: Path | str) -> T:
     """`data` as `table`; ConfigError says key, value, rule, and for an unknown key the known ones."""
     try:
         return table.model_validate(data)
@@ -58,7 +58,8 @@ def validated(table: type[T], data: dict[str, Any], file: Path) -> T:
                 lines.append(f"{key}.{item['ctx']['discriminator'].strip(chr(39))} = {kind!r}: unknown; {nearest(kind, kinds)}")
             else:
                 message = item["msg"].removeprefix("Value error, ")
-                lines.append(f"{key} = {item['input']!r:.80}: {message[0].lower()}{message[1:]}")
+                at = f"{key} = {item['input']!r:.80}: " if key else ""  # of the table as a whole
+                lines.append(f"{at}{message[0].lower()}{message[1:]}")
         more = error.error_count() - MAX_FAULTS
         lines += [f"and {more} more"] if more > 0 else []
         raise ConfigError(f"{file}: " + "; ".join(lines)) from error

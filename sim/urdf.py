@@ -12,6 +12,7 @@ import numpy as np
 from sim.arm import Arm, ArmEffect
 from sim.errors import ConfigError
 from sim.mjcf import numbers
+from sim.own_values import effort_limits
 from sim.required import require_limits
 from sim.ros_urdf import DRAKE
 from sim.tree import GRAVITY, Shape
@@ -29,7 +30,7 @@ def urdf_text(arm: Arm, meshes: dict[str, Path] | None = None) -> str:
     ConfigError where the format demands a limit that the arm does not state, or gravity is not 9.81 m/s^2.
     """
     require_limits(arm, "q_min", "q_max", "dq_max", "tau_max")
-    tree = arm.tree
+    tree, effort = arm.tree, effort_limits(arm)
     base = base_name(arm)
     root = Element("robot", {"name": arm.name, "xmlns:drake": DRAKE})
     links = [_add_link(root, base)] + [_add_link(root, name) for name in tree.link_names]
@@ -44,7 +45,7 @@ def urdf_text(arm: Arm, meshes: dict[str, Path] | None = None) -> str:
         parent = base if tree.parent[j] < 0 else tree.link_names[tree.parent[j]]
         _add_connection(joint, parent, tree.link_names[j], tree.position[j], tree.rotation[j])
         ElementTree.SubElement(joint, "axis", xyz=numbers(tree.axis[j]))
-        limit = {"lower": arm.q_min[j], "upper": arm.q_max[j], "effort": arm.tau_max[j], "velocity": arm.dq_max[j]}
+        limit = {"lower": arm.q_min[j], "upper": arm.q_max[j], "effort": effort[j], "velocity": arm.dq_max[j]}
         ElementTree.SubElement(joint, "limit", {key: numbers([value]) for key, value in limit.items()})
         friction = {"damping": _own(arm, "viscous_friction", "viscous", name)}
         friction["friction"] = _own(arm, "coulomb_friction", "coulomb", name)
@@ -60,7 +61,9 @@ def urdf_text(arm: Arm, meshes: dict[str, Path] | None = None) -> str:
 
 def not_in_urdf(arm: Arm) -> list[ArmEffect]:
     """The effects that the URDF of an arm leaves out."""
-    return [e for e in arm.effects if e.effect not in ("coulomb_friction", "viscous_friction", "rotor_inertia")]
+    return [
+        e for e in arm.effects if e.effect not in ("coulomb_friction", "viscous_friction", "rotor_inertia", "torque_saturation")
+    ]
 
 
 def _add_drives(root: Element, arm: Arm) -> None:
@@ -73,6 +76,7 @@ def _add_drives(root: Element, arm: Arm) -> None:
         ElementTree.SubElement(actuator, "mechanicalReduction").text = "1"
         ElementTree.SubElement(actuator, "drake:gear_ratio", value="1")
         ElementTree.SubElement(actuator, "drake:rotor_inertia", value=numbers([_own(arm, "rotor_inertia", "inertia", name)]))
+    effort = effort_limits(arm)
     control = ElementTree.SubElement(root, "ros2_control", name=arm.name, type="system")
     hardware = ElementTree.SubElement(control, "hardware")
     ElementTree.SubElement(hardware, "plugin").text = "mock_components/GenericSystem"
@@ -81,7 +85,7 @@ def _add_drives(root: Element, arm: Arm) -> None:
         for interface, low, high in (
             ("position", arm.q_min[j], arm.q_max[j]),
             ("velocity", -arm.dq_max[j], arm.dq_max[j]),
-            ("effort", -arm.tau_max[j], arm.tau_max[j]),
+            ("effort", -effort[j], effort[j]),
         ):
             command = ElementTree.SubElement(joint, "command_interface", name=interface)
             for key, value in (("min", low), ("max", high)):

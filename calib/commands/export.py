@@ -42,9 +42,9 @@ def command(
 ) -> None:
     """Write an arm, nominal or calibrated, for MuJoCo, ROS, Isaac Lab and controllers, and as a table of parameters.
 
-    MuJoCo and Pinocchio compute the same inverse dynamics from each model as calib does. The MuJoCo model has every effect: most as
-    native elements, some through `import calib.mujoco`, and those of sensors in its `read`; the command says which. URDF holds
-    friction and reflected inertia; the table holds everything.
+    MuJoCo and Pinocchio compute the rigid-body torques of each model as calib does. The MuJoCo model has the effects: most as native
+    elements, some through `import calib.mujoco`, and those of sensors in its `read`; the command says which, and what is left out.
+    URDF holds friction and reflected inertia; the table holds everything.
 
     Example:
 

@@ -115,13 +115,22 @@ def effect_named(name: str) -> Effect:
 def checked(arm: Arm, instance: ArmEffect) -> ArmEffect:
     """`instance` if the catalogue and the arm know it and its parameters are within bounds, else ConfigError."""
     effect = effect_named(instance.effect)
-    where = f"effect {instance.effect}" + (f" at {instance.joint}" if instance.joint else "")
-    if effect.scope == "joint":
-        if instance.joint is None:
-            raise ConfigError(f"{where}: a joint is needed; joints: {', '.join(arm.joint_names)}")
+    if effect.scope == "joint" and instance.joint is None:
+        raise ConfigError(f"effect {effect.name}: a joint is needed; joints: {', '.join(arm.joint_names)}")
+    within_bounds(instance)
+    if instance.joint is not None:
         arm.joint_index(instance.joint)
         driven_by(arm.joint_names, instance)
-    elif instance.joint is not None:
+    return instance
+
+
+def within_bounds(instance: ArmEffect) -> None:
+    """ConfigError where the catalogue has no such effect, or it belongs elsewhere, or has other parameters, or one is out of bounds."""
+    effect = effect_named(instance.effect)
+    where = f"effect {instance.effect}" + (f" at {instance.joint}" if instance.joint else "")
+    if effect.scope == "joint" and instance.joint is None:
+        raise ConfigError(f"{where}: a joint is needed")
+    if effect.scope != "joint" and instance.joint is not None:
         raise ConfigError(f"{where}: this effect belongs to the whole arm; leave the joint out")
     names = [p.name for p in effect.parameters]
     if sorted(instance.parameters) != sorted(names):
@@ -130,7 +139,6 @@ def checked(arm: Arm, instance: ArmEffect) -> ArmEffect:
         value = instance.parameters[p.name]
         if not p.lower <= value <= p.upper:
             raise ConfigError(f"{where}: {p.name} = {value} {p.unit}; it lies between {p.lower:g} and {p.upper:g}")
-    return instance
 
 
 def driven_by(joint_names: Sequence[str], instance: ArmEffect) -> str | None:
@@ -167,4 +175,5 @@ __all__ = [
     "effect_named",
     "effect_origin",
     "with_effect",
+    "within_bounds",
 ]

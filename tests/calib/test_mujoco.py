@@ -83,7 +83,7 @@ def test_ctrl_stays_as_long_as_the_arm_has_motors(nominal):
     model = compiled(exported_model(arm).text, arm.model_path.parent)
     assert model.nu == arm.n
     rows = exported_model(arm).table["effects"]
-    assert [r["effect"] for r in rows if r["error"].startswith("left out")] == ["joint_elasticity"]
+    assert [(r["effect"], r["how"]) for r in rows if r["form"] == "none"] == [("joint_elasticity", "")]
     assert [model.joint(model.actuator_trnid[k, 0]).name for k in range(model.nu)] == list(arm.joint_names)
 
 
@@ -128,7 +128,7 @@ def test_a_model_that_export_did_not_write_is_refused(tmp_path, nominal):
     with pytest.raises(ConfigError, match="calib export"):
         calib.mujoco.load(tmp_path / "plain.xml")
     text = exported_model(nominal).text
-    for old, new in (("effects/1", "effects/9"), ("coulomb_friction", "coulomb_fiction"), ("17.0", "1e999")):
+    for old, new in (("effects/2", "effects/9"), ("coulomb_friction", "coulomb_fiction"), ("17.0", "1e999")):
         (tmp_path / "broken.xml").write_text(text.replace(f"{old}", new))
         with pytest.raises(ConfigError):
             calib.mujoco.load(tmp_path / "broken.xml")

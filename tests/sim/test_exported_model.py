@@ -40,9 +40,9 @@ def model_of(arm):
 def test_keeps_the_effects_of_the_models_that_were_used_last(monkeypatch, tmp_path):
     monkeypatch.setattr(exported, "MODELS", 2)
     first, second, third = (model_of(load_arm(two(tmp_path, joint=f'damping="{k}"'))) for k in (1, 2, 3))
-    of = exported.ExportedArm.of
+    of = exported.ExportedArm.all_of
     known, other = of(first), of(second)
-    assert known is not None
+    assert known
     assert of(first) is known
     assert of(third) is not known
     assert of(first) is known
