@@ -12,8 +12,8 @@ from typing import Annotated, Any
 import typer
 from typer.main import get_command
 
-from calib.run_folder import INVOCATION, Invocation, end_run
-from calib.terminal import console
+from calib.run_folder import INVOCATION, Invocation, conclude, end_run
+from calib.terminal import answer, console
 from calib.terminal.group import Group
 from calib.terminal.unexpected import EXIT_CODE, quiet_libraries, write_fault
 from sim.errors import CalibError, ConfigError
@@ -70,6 +70,9 @@ class Commands(Group):
             return super().invoke(ctx)
         except KeyboardInterrupt:  # Typer would end with a bare exit code, and nobody would say why
             raise typer.Abort from None
+        except BrokenPipeError:  # of standard error; Typer would end the program, and the run would have no end
+            conclude("the reader of what is printed went away")
+            raise typer.Exit(answer.GONE) from None
 
 
 def spread(arguments: list[str], lists: tuple[str, ...]) -> list[str]:
@@ -126,7 +129,9 @@ def main(arguments: list[str] | None = None) -> int:
         for name in ONE_THREAD:  # read once, when NumPy is imported
             os.environ.setdefault(name, "1")
         announce(console.warn)
-    return start(sys.argv[1:] if arguments is None else list(arguments))[0]
+        with answer.replaced():
+            return start(sys.argv[1:])[0]
+    return start(list(arguments))[0]
 
 
 def start(arguments: list[str]) -> tuple[int, str]:
@@ -146,7 +151,7 @@ def start(arguments: list[str]) -> tuple[int, str]:
                 console.warn(_of_file(error))
             except CalibError as error:
                 console.warn(str(error))
-        return code, sentence
+        return (code if outer else _answered(code, invocation)), sentence
     finally:
         for lock in invocation.locks:
             lock.close()
@@ -175,11 +180,6 @@ def _run(arguments: list[str], invocation: Invocation) -> tuple[int, str]:
         return 2, sentence
     except typer.Exit as stop:
         return stop.exit_code, "done" if stop.exit_code == 0 else f"ended with exit code {stop.exit_code}"
-    except (
-        BrokenPipeError
-    ):  # whoever read the answer has gone, as `| head` does; what Python flushes at its end must go somewhere
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 141, "the reader of the answer went away"
     except OSError as error:
         if error.errno not in OF_FILES:
             return _unexpected(error, arguments, invocation)
@@ -195,6 +195,18 @@ def _run(arguments: list[str], invocation: Invocation) -> tuple[int, str]:
         return 130, "interrupted by the operator"
     except Exception as error:
         return _unexpected(error, arguments, invocation)
+
+
+def _answered(code: int, invocation: Invocation) -> int:
+    """`code`, or that of an answer which nobody got; a code of a failure stays."""
+    lost = answer.lost()
+    if lost is None or code > 1:
+        return code
+    if isinstance(lost, BrokenPipeError):  # whoever read the answer had enough, as `| head` has
+        return answer.GONE
+    stands = f"; the result stands in {invocation.folders[0]}" if invocation.folders else ""
+    console.warn(f"standard output cannot be written: {lost.strerror or lost}{stands}")
+    return 2
 
 
 def _unexpected(error: Exception, arguments: list[str], invocation: Invocation) -> tuple[int, str]:

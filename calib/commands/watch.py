@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from calib.run_folder import conclude, new_run
-from calib.terminal import console, options
+from calib.terminal import answer, console, options
 from calib.terminal.quantity import rounded, significant
 from sim.errors import AnswerIsNo, ConfigError, DeviceError
 
@@ -81,6 +81,8 @@ def command(
             def print_event(event: WatchEvent) -> None:
                 if as_json:
                     _json_line(event.as_dict())
+                    if answer.lost():  # nobody gets what would follow: end as the operator ends a watch
+                        raise KeyboardInterrupt
                 view.event(event)
 
             found = watch(

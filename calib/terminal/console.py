@@ -30,7 +30,6 @@ if TYPE_CHECKING:
     from drivers.driver import Driver
     from sim.cell import Cell
 
-
 # of --quiet: neither tables and sentences nor progress, only warnings, errors, questions, and JSON where it was requested
 QUIET: ContextVar[bool] = ContextVar("quiet", default=False)
 _BARS: list[Progress] = []  # what `progress` draws now
@@ -182,7 +181,8 @@ def progress(description: str, total: float | None = None) -> Iterator[Callable[
         yield lambda step=1, text=None: None
         return
     if not console.is_terminal:
-        console.print(f"{description} ...", markup=False, highlight=False, soft_wrap=True)
+        with suppress(OSError):
+            console.print(f"{description} ...", markup=False, highlight=False, soft_wrap=True)
         yield lambda step=1, text=None: None
         return
     columns = [SpinnerColumn(), TextColumn("{task.description}", markup=False), BarColumn(bar_width=30)]
