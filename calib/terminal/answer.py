@@ -12,7 +12,7 @@ from typing import Any
 GONE = 141  # of a program that the signal PIPE ended, which a shell expects where the reader of an answer has gone
 
 
-class Answer(io.FileIO):
+class StandardOutput(io.FileIO):
     """The file behind a standard output; the first error of writing is kept in `lost`, and what follows is dropped."""
 
     lost: OSError | None = None
@@ -31,7 +31,7 @@ class Answer(io.FileIO):
 
 @contextmanager
 def replaced() -> Iterator[None]:
-    """While the block runs, standard output writes to an `Answer`; after it nothing is left that Python could fail to flush at its end."""
+    """While the block runs, standard output writes to an `StandardOutput`; after it nothing is left that Python could fail to flush at its end."""
     before = sys.stdout
     if before is sys.__stdout__:
         sys.stdout = _stream()
@@ -56,8 +56,8 @@ def lost() -> OSError | None:
 def _stream() -> io.TextIOWrapper:
     own = sys.__stdout__
     if own is None:  # the lowest free number is then that of the standard output, which no file or process started here may get
-        raw = Answer(os.open(os.devnull, os.O_WRONLY), "w")
+        raw = StandardOutput(os.open(os.devnull, os.O_WRONLY), "w")
         raw.closed_from_start = True
         return io.TextIOWrapper(io.BufferedWriter(raw))
-    raw = Answer(own.fileno(), "w", closefd=False)
+    raw = StandardOutput(own.fileno(), "w", closefd=False)
     return io.TextIOWrapper(io.BufferedWriter(raw), own.encoding, own.errors, line_buffering=own.isatty())
