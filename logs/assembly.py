@@ -123,7 +123,7 @@ def assembled(
     q, dq, tau = (
         values if order is None or not values.strides[0] else values[order] for values in map(states.joined, range(3))
     )
-    t, clock = checked_times(t, t_host, damage)
+    t, clock = checked_times(t, t_host, damage, (q, dq))
     n = len(names)
     q_cmd, dq_cmd, tau_cmd = held(_named(topics, COMMANDS, names, damage), stamp, t, n, 3, damage)
     current, temperature = held(_named(topics, DIAGNOSTICS, names, damage), stamp, t, n, 2, damage, between=(0,))

@@ -37,7 +37,7 @@ from logs.schemas import (
 from logs.table_log import log_of_table
 from logs.tables import FORMATS, Table, read_table
 from logs.tables.table import HEAD
-from logs.timing import FINER, coarse
+from logs.timing import coarse, finer, shared_stamps
 from sim.errors import BadLog, DeviceError
 from sim.files import is_name
 from sim.version import software_version
@@ -98,10 +98,10 @@ def import_recording(
     reason = log.metadata.get("end_reason") or ("imported" if whole else f"recovered: {ended.value}")
     unresolved = coarse(log.t, log.q, log.dq, log.tau, log.current)
     if change is None and unresolved:  # a change judges by itself
-        raise BadLog(f"{source}: time: {unresolved}; {FINER}")
+        raise BadLog(f"{source}: time: {unresolved}; {finer(log.metadata)}")
     read = log if change is None else change(log)
     journal = source.is_file() and is_journal(source) and read is log
-    log, sampling = (log, sampling_of(log)) if journal else _resampled(_without_duplicates(read))
+    log, sampling = (log, sampling_of(log)) if journal else _resampled(read)
     words = {"end_reason": reason, "imported_from": source.name, "imported_by": software_version()}
     words["sampling"] = json.dumps(list(sampling.findings), ensure_ascii=False)
     words |= {} if log.metadata.get("arm") else arm
@@ -123,11 +123,12 @@ def sampling_of(log: Log) -> Sampling:
 
 
 def _resampled(log: Log) -> tuple[Log, Sampling]:
-    """The log at the instants of sampling and without repeated samples; as it is where another clock is recorded beside."""
+    """The log at the instants of sampling and without repeated samples; where another clock is recorded beside, as it is but for all but
+    the first of the samples that share an instant."""
     found = sampling_of(log)
     alone = not np.isfinite(log.t_host).any() and np.isfinite(log.q).all()
     if not alone or (not found.rebuilt and len(found.source) == len(log)):
-        return log, found
+        return _without_duplicates(log), found
     kept = log.part(found.source)
     if not found.rebuilt:
         return kept, found
@@ -143,8 +144,7 @@ def _without_duplicates(log: Log) -> Log:
     keep = np.r_[True, np.diff(log.t) > 0]
     if keep.all():
         return log
-    finding = f"left out: {int((~keep).sum())} samples that carry the stamp of the sample before"
-    return replace(log.part(keep), findings=(*log.findings, finding))
+    return replace(log.part(keep), findings=(*log.findings, f"left out: {shared_stamps(int((~keep).sum()))}"))
 
 
 def write_log(log: Log, target: Path, state: str, words: dict[str, str]) -> None:

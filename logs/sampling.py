@@ -16,11 +16,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from logs.bridging import bridge, bridging_error
+from logs.clock_steps import set_forward
 from logs.elapsed import LEAST_INFORMATIVE, TRUST, elapsed_between
 from logs.lost_time import finding, lost_time
 from logs.normal import OF_MEDIAN
+from logs.rate_change import change_of_rate
 from logs.sampling_clock import rebuilt_clock
-from logs.sampling_findings import MATTERS, of_jitter, of_speed, repeats
+from logs.sampling_findings import MATTERS, of_jitter, of_missing, of_speed, repeats
 
 LEAST_SAMPLES = 32
 REACH = 5  # samples before and after, over which a joint must move through for an unchanged position to be a repeated sample
@@ -47,6 +49,7 @@ class Sampling:
     repeated, missing   samples sent twice (left out), and samples lost; as counted
     dq_scale    (n,) dq over the derivative of q, NaN where a joint does not move; 1 but for a wrong unit, sign or clock
     findings    sentences
+    losses      those of them that say of lost samples and of the rate, which no reader finds by itself
     """
 
     t: np.ndarray
@@ -63,6 +66,7 @@ class Sampling:
     missing: int
     dq_scale: np.ndarray
     findings: tuple[str, ...]
+    losses: tuple[str, ...] = ()
 
 
 def examine(
@@ -95,6 +99,9 @@ def examine(
     period = float(np.median(steps))
     elapsed, error, scale = elapsed_between(steps, qf, vf)
     informative = error < FAST_SHARE * period
+    forward = np.zeros(len(steps))
+    gaps = np.flatnonzero(steps > GAP_STEPS * period)
+    forward[gaps] = set_forward(tf, qf, vf, gaps)
     jitter, seen, rebuilt, left = math.nan, math.nan, False, math.nan
     clock = tf
     findings = repeats(held, stale, first, len(t))
@@ -110,7 +117,7 @@ def examine(
                 clock, rebuilt, period = made.t, True, made.period
                 jitter = OF_MEDIAN * float(np.median(np.abs(tf - clock - np.median(tf - clock))))
                 left = OF_MEDIAN * float(np.median(np.abs(elapsed - np.diff(clock))[informative]))
-        findings.append(of_jitter(jitter, seen, rebuilt, left, period, tf, clock))
+        findings.append(of_jitter(jitter, seen, rebuilt, left, period, tf, clock, bool(forward.any())))
     else:
         findings.append(
             "jitter of the stamps cannot be determined: no dq that is the derivative of q, or no motion that is fast for its resolution"
@@ -118,14 +125,14 @@ def examine(
     findings += of_speed(scale)
     unseen = finding(lost_time(clock, qf, vf))
     findings += [unseen] if unseen else []
-    count = _missing(np.diff(clock), period, rebuilt, informative)
+    changed = change_of_rate(clock)
+    count = _missing(np.diff(clock), changed.periods if changed else period, rebuilt, informative)
+    count = np.where(forward > 0, 0, np.maximum(count - np.diff(np.cumsum(~first)[fresh]), 0))
     missing = int(count.sum())
-    wide, places = int(count.max(initial=0)), int((count > 0).sum())
-    if missing:
-        findings.append(
-            f"{missing} sample{'s are' if missing > 1 else ' is'} missing in {places} place{'s' * (places > 1)}, at most {wide} in a row"
-            + (f"; gaps of up to {MOST_BRIDGED} are bridged and marked" if bridging else "")
-        )
+    of_rate, of_losses = [changed.sentence] if changed else [], [of_missing(count)] if missing else []
+    findings += of_rate + of_losses
+    losses = of_rate + (of_losses if (count == 1).any() else [])  # no reader calls two periods a gap
+    findings += [f"gaps of up to {MOST_BRIDGED} samples are bridged and marked"] if missing and bridging else []
     keep = np.sort(np.concatenate([fresh, np.flatnonzero(stale & first)]))
     at = np.interp(t[keep], tf, clock) if len(keep) > len(fresh) else clock
     channels = {"q": q[keep], "dq": dq[keep], **{name: x[keep] for name, x in others.items()}}
@@ -147,6 +154,7 @@ def examine(
             missing,
             scale,
             tuple(findings),
+            tuple(losses),
         )
     derived = bool(np.all(np.isnan(scale) | (np.abs(scale - 1) < TRUST)) and np.isfinite(dq).all())
     errors = bridging_error(at, channels, old["q"], MOST_BRIDGED, derived)
@@ -160,7 +168,7 @@ def examine(
         )
     return Sampling(
         grid.t, source, grid.channels, grid.bridged, grid.std, period, jitter, seen, rebuilt, left, int((held & ~stale).sum()), missing, scale,
-        tuple(findings),
+        tuple(findings), tuple(losses),
     )  # fmt: skip
 
 
@@ -207,7 +215,7 @@ def _same(others: Mapping[str, np.ndarray]) -> np.ndarray:
     return same
 
 
-def _missing(steps: np.ndarray, period: float, rebuilt: bool, informative: np.ndarray) -> np.ndarray:
+def _missing(steps: np.ndarray, period: float | np.ndarray, rebuilt: bool, informative: np.ndarray) -> np.ndarray:
     """(K,) samples lost between neighbours: half a period more is a lost one where the clock is even, else it takes a longer gap."""
     of = steps / period
     even = rebuilt or np.mean(np.abs(of - np.rint(of)) < STEADY_WITHIN) > STEADY_SHARE

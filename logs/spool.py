@@ -105,8 +105,9 @@ def _spooled(path: Path, joint_names: tuple[str, ...], folder: Path, damage: Dam
     stamp = np.array(own.counts(clock))
     order = in_order(stamp, own.counts("host"), own.counts("sequence"), states, damage)
     stamp = stamp if order is None else stamp[order]
-    t, _ = checked_times((stamp - stamp[0]) * 1e-9, np.broadcast_to(np.nan, len(stamp)), damage)
     values = [_rearranged(own.folder / f"ordered{k}", own.field(k), order) for k in range(3)]
+    q_and_dq = values[0], values[1]
+    t, _ = checked_times((stamp - stamp[0]) * 1e-9, np.broadcast_to(np.nan, len(stamp)), damage, q_and_dq)
     beside_samples: list[np.ndarray] = []
     for name, fields, between in ((COMMANDS, 3, ()), (DIAGNOSTICS, 2, (0,))):
         topic = chosen(scan.topics, name, damage)

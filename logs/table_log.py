@@ -11,7 +11,7 @@ from logs.damage import Damage
 from logs.log import CHANNELS, MEASURED, Log, State
 from logs.plausible import UNIT, bad_samples, first_fault
 from logs.tables.table import IN_WORDS, INSTANTS, Table
-from logs.timing import checked_times
+from logs.timing import COLUMN_MAP, checked_times
 from logs.units import TEMPERATURE_ZERO, TIME, UNITS
 from logs.words import finding, signed, wrapped
 from sim.resources import nearest
@@ -47,12 +47,12 @@ def log_of_table(table: Table, columns: ColumnMap, path: Path, damage: Damage) -
         raise damage.refuse("rows", f"{int(keep.sum())} sound samples", "check the column map, or record it again")
     seconds = seconds[keep]
     shift = seconds[0]
-    seconds, _ = checked_times(seconds - shift, np.full(len(seconds), np.nan), damage)
     nothing = np.broadcast_to(np.float64(np.nan), (len(seconds), n))
     q, dq, tau, current, temperature, q_cmd, dq_cmd, tau_cmd = (
         values[name][keep] if name in values else nothing for name in CHANNELS
     )
-    about = {"format": table.about, "column_map": columns.text()}
+    seconds, _ = checked_times(seconds - shift, nothing[:, 0], damage, (q, dq))
+    about = {"format": table.about, COLUMN_MAP: columns.text()}
     return Log(
         columns.joints, seconds, nothing[:, 0], q, dq, tau, current, temperature, q_cmd, dq_cmd, tau_cmd, about, (),
         damage.all_findings(), path, State.CUT if damage.count else State.UNSTATED, None, max(origin + round(float(shift) * 1e9), 0),

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from logs.clock_fit import ClockFit, fit_clocks
+from logs.clock_steps import finding, set_forward
 from logs.damage import Damage
 
+COLUMN_MAP = "column_map"  # in the metadata of a log that was a table
 GAP_FACTOR = 2.5  # a step longer than this many median steps is a gap
-FINER = "give stamps that tell the samples apart, or the rate of even samples: `calib import --rate HZ`"
 # counters of 16, 31 and 32 bits that count ns, us, ms or 1/10 ms
 WRAP_PERIODS = tuple(2.0**bits * tick for bits in (16, 31, 32) for tick in (1e-9, 1e-6, 1e-4, 1e-3))
 
@@ -26,10 +29,19 @@ def coarse(t: np.ndarray, *readings: np.ndarray) -> str:
     )
 
 
-def checked_times(t: np.ndarray, t_host: np.ndarray, damage: Damage) -> tuple[np.ndarray, ClockFit | None]:
+def finer(metadata: Mapping[str, str]) -> str:
+    """What to do about coarse stamps, by what a log says of itself: only a table may be read without its time."""
+    if COLUMN_MAP in metadata:
+        return "give stamps that tell the samples apart, or the rate of even samples: `calib import --rate HZ`"
+    return "record it again with stamps that tell the samples apart"
+
+
+def checked_times(
+    t: np.ndarray, t_host: np.ndarray, damage: Damage, motion: tuple[np.ndarray, np.ndarray] | None = None
+) -> tuple[np.ndarray, ClockFit | None]:
     """The instants t (N,) s with counters' wrap-arounds undone, and the fit of the clocks where there is a host clock.
 
-    BadLog where time runs backwards otherwise; sentences about wrap-arounds, duplicates, gaps, skew and jumps.
+    motion: q and dq (N, n), from which a gap of the stamps is known as a clock that was set. BadLog where time runs backwards otherwise; sentences about wrap-arounds, duplicates, gaps, skew and jumps.
     """
     if len(t) < 2:
         return t, None
@@ -44,21 +56,35 @@ def checked_times(t: np.ndarray, t_host: np.ndarray, damage: Damage) -> tuple[np
         )  # fmt: skip
     same = np.flatnonzero(steps == 0)
     if len(same):
-        damage.note(f"{len(same)} samples carry the stamp of the sample before, first at {t[same[0] + 1]:.4f} s")
+        damage.note(f"{shared_stamps(len(same))}, first at {t[same[0] + 1]:.4f} s")
     median = float(np.median(steps[steps > 0])) if (steps > 0).any() else 0.0
     gaps = np.flatnonzero(steps > GAP_FACTOR * median)
+    if motion is not None:
+        forward = set_forward(t, *motion, gaps)
+        for place in np.flatnonzero(forward):
+            damage.note(finding(t[gaps[place]], forward[place]))
+        gaps = gaps[forward == 0]
     if len(gaps):
         k = gaps[np.argmax(steps[gaps])]
         lost = int(np.sum(np.rint(steps[gaps] / median) - 1))
         damage.note(
-            f"{len(gaps)} gaps of more than {GAP_FACTOR:g} sample periods, the longest {steps[k] * 1e3:.1f} ms at {t[k]:.4f} s; "
-            f"about {lost} samples are missing"
+            f"{len(gaps)} gap{'s' * (len(gaps) > 1)} of more than {GAP_FACTOR:g} sample periods, the longest {steps[k] * 1e3:.1f} ms at "
+            f"{t[k]:.4f} s; about {lost} samples are missing"
         )
     clock = fit_clocks(t, t_host)
     if clock is not None:
         for sentence in clock.findings():
             damage.note(sentence)
     return t, clock
+
+
+def shared_stamps(count: int) -> str:
+    """The beginning of a sentence about samples at one instant."""
+    return (
+        f"{count} samples carry the stamp of the sample before"
+        if count > 1
+        else "1 sample carries the stamp of the sample before"
+    )
 
 
 def unwrapped(t: np.ndarray, damage: Damage) -> np.ndarray:

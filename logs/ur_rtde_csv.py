@@ -66,7 +66,7 @@ def read_csv(path: Path, accept_partial: bool = False) -> Log:
     origin = round(float(t[0]) * 1e9)
     nothing = np.broadcast_to(np.float64(np.nan), (len(t), n))
     seconds = (np.rint(t * 1e9).astype(np.int64) - origin) * 1e-9
-    seconds, _ = checked_times(seconds, nothing[:, 0], damage)
+    seconds, _ = checked_times(seconds, nothing[:, 0], damage, (parts["q"], parts["dq"]))
     return Log(
         UR_JOINTS, seconds, nothing[:, 0], parts["q"], parts["dq"], nothing, parts["current"], parts.get("temperature", nothing),
         parts.get("q_cmd", nothing), parts.get("dq_cmd", nothing), nothing, {"format": "ur_rtde CSV"}, (),

@@ -186,7 +186,7 @@ def _report(done: Imported) -> None:
 def _rows(done: Imported, delay: TorqueDelay | None) -> list[list[Any]]:
     facts = _plain(done, delay)
     rows = [
-        ["samples", f"{facts['samples']} in {facts['duration']:.3f} s, {console.cell(facts['rate'])} Hz"],
+        ["samples", f"{facts['samples']} in {facts['duration']:.3f} s, {console.cell(1 / done.sampling.period)} Hz"],
         ["joints", ", ".join(facts["joints"])],
         ["measured", ", ".join(facts["measured"])],
         ["source", done.ended.value],

@@ -36,6 +36,7 @@ class GateCheck:
     causes: tuple[Cause, ...] = field(default=())
     joints: tuple[str, ...] = ()
     of_all: bool = False  # about several recordings together, where it is not about each
+    final: bool = False  # failed, and nothing can be computed of the recording, however it is read
 
     def entry(self) -> dict[str, object]:
         """As diagnosis.json has it: what failed, with its likeliest cause."""

@@ -9,9 +9,10 @@ import numpy as np
 from calib.gate.check import Cause, GateCheck
 from calib.gate.correction import UNITS, Correction
 from calib.gate.readings import LEAST_ROWS, name_of
+from logs.clock_steps import set_forward
 from logs.log import Log
 from logs.lost_time import finding, lost_time
-from logs.timing import FINER, coarse
+from logs.timing import GAP_FACTOR, coarse, finer
 
 STEP_LEAST, STEP_MOST = 1e-4, 0.2  # s between samples: 10 kHz and 5 Hz
 USUAL_LEAST, USUAL_MOST = 1 / 5000, 1 / 12
@@ -25,14 +26,16 @@ def clock(log: Log) -> GateCheck:
     short = GateCheck("clock", False, f"{name}: {len(step) + 1} samples with a time", (Cause("the recording is too short"),))
     unresolved = coarse(log.t, log.q, log.dq, log.tau, log.current)
     if unresolved:
-        return GateCheck("clock", False, f"{name}: {unresolved}", (Cause(f"stamps that were rounded: {FINER}"),))
+        return GateCheck(
+            "clock", False, f"{name}: {unresolved}", (Cause(f"stamps that were rounded; {finer(log.metadata)}"),), final=True
+        )
     if not (step > 0).any():
         return short
     if np.any(step < 0):
         at = int(np.argmax(step < 0))
         cause = Cause("time runs backwards: two recordings in one file, or a clock that was set")
         return GateCheck(
-            "clock", False, f"{name}: sample {at + 1} is {-step[at]:.4g} s earlier than the one before it", (cause,)
+            "clock", False, f"{name}: sample {at + 1} is {-step[at]:.4g} s earlier than the one before it", (cause,), final=True
         )
     middle = float(np.median(step[step > 0]))
     if STEP_LEAST <= middle <= STEP_MOST:
@@ -60,7 +63,10 @@ def _elapsed(log: Log) -> float | None:
 def losses(log: Log) -> GateCheck:
     """Not too many samples are missing. Samples lost under an even clock are reported, and no reason to refuse: see logs.lost_time."""
     step = np.diff(log.t)
-    share = 1 - len(log) / max(1.0, (log.t[-1] - log.t[0]) / float(np.median(step[step > 0])) + 1)
+    period = float(np.median(step[step > 0]))
+    gaps = np.flatnonzero(step > GAP_FACTOR * period)
+    step[gaps] -= set_forward(log.t, log.q, log.dq, gaps)
+    share = 1 - len(log) / max(1.0, step.sum() / period + 1)
     detail = f"{name_of(log)}: {max(share, 0.0):.1%} of the samples missing, longest gap {step.max():.3g} s"
     finite = np.isfinite(log.q).all(axis=1)
     unseen = finding(lost_time(log.t[finite], log.q[finite], log.dq[finite]))

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from calib.gate.check import LIKELIEST, GateCheck
 from calib.gate.correction import AS_RECORDED, ASSUMED, applied, assumed, parsed
-from calib.gate.gate import gate
+from calib.gate.gate import Gate, gate
 from calib.gate.readings import TWICE, motion, name_of
 from logs.log import Log
 from sim.arm import Arm, load_arm
@@ -32,7 +32,7 @@ def passed(arm: Arm, assume: Sequence[str], configs: Path | None = None) -> Call
         read = read_as(ordered, assume)
         found = gate(arm, [read], family=lambda: family(configs))
         if found.refusal is not None:
-            raise BadLog(_message(found.refusal, log))
+            raise BadLog(_message(found.refusal, log, _lifts(found)))
         return read if assume else log
 
     return change
@@ -65,7 +65,7 @@ def examined(arm: Arm, logs: Sequence[Log], fitted: Sequence[Log] = ()) -> tuple
         found = gate(arm, [log], family=_shipped, least_motion=LEAST_MOTION if alone else LEAST_OF_ONE if fitted else 0.0)
         checks += found.checks
         if found.refusal is not None:
-            return tuple(checks), _message(found.refusal, log)
+            return tuple(checks), _message(found.refusal, log, _lifts(found))
     if len(logs) > 1:
         found = gate(arm, logs)
         checks += [check for check in found.checks if check.of_all or not check.ok]
@@ -78,6 +78,11 @@ def examined(arm: Arm, logs: Sequence[Log], fitted: Sequence[Log] = ()) -> tuple
         if not together.ok and not all(AS_RECORDED in assumed(log) for log in fitted):
             return tuple(checks), _message(f"{together.detail}. {LIKELIEST}{together.causes[0].sentence}")
     return tuple(checks), None
+
+
+def _lifts(found: Gate) -> bool:
+    """Whether reading the recording as it is would be a remedy."""
+    return not any(check.final for check in found.checks)
 
 
 def _message(refusal: str, log: Log | None = None, unchanged: bool = True) -> str:

@@ -57,7 +57,7 @@ def gate(
     """Whether `logs` are readings of `arm`.
 
     `family` gives other arms that the recording may be of, when it is called. With `as-recorded` stated by every log
-    (`calib.gate.commands.read_as`), nothing is refused. least_motion s: refused is a log with less of it.
+    (`calib.gate.commands.read_as`), only a check that is `final` refuses. least_motion s: refused is a log with less of it.
     """
     with np.errstate(all="ignore"):  # what is left where a value is no number is a NaN, which no check takes for good
         return _gate(arm, logs, family, least_motion)
@@ -75,7 +75,7 @@ def _gate(arm: Arm, logs: Sequence[Log], family: Callable[[], Sequence[Arm]] | N
         checks += _examined_once(arm, logs, family)
     failed = [check for check in checks if not check.ok]
     causes = _in_order(failed)
-    lifted = all(AS_RECORDED in assumed(log) for log in logs)
+    lifted = all(AS_RECORDED in assumed(log) for log in logs) and not any(check.final for check in failed)
     refusal = None if not failed or lifted else _refusal(failed, causes, arm.joint_names)
     return Gate(tuple(checks), causes, refusal)
 

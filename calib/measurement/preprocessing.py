@@ -236,9 +236,10 @@ def _check(log: Log, arm: Arm, name: str) -> None:
     step = np.diff(log.t)
     if not np.all(step > 0):
         k = int(np.argmin(np.where(np.isfinite(step), step, -np.inf)))
+        same = "two readings at one instant have no derivative; `calib import` leaves out the second one"
+        back = "it must increase; recover the log with `calib import`, which says what was lost"
         raise BadLog(
-            f"{name}: sample {k + 1}: device time goes from {log.t[k]:.6f} to {log.t[k + 1]:.6f} s; it must increase; "
-            "recover the log with `calib import`, which says what was lost"
+            f"{name}: sample {k + 1}: device time goes from {log.t[k]:.6f} to {log.t[k + 1]:.6f} s; {same if step[k] == 0 else back}"
         )
     wild = np.isfinite(log.q) & (np.abs(log.q) > 1e3)
     if wild.any():

@@ -153,7 +153,7 @@ def _warn(path: Path, log: Log | Pieces, arm: Arm) -> None:
 
 
 def _sampling(log: Log | Pieces) -> tuple[str, ...]:
-    """What of its samples (of the first piece) an import would put right: jittered stamps, samples sent twice; nothing where it has two clocks."""
+    """What of its samples (of the first piece) an import would put right, jittered stamps and samples sent twice, and lost samples that are no gaps; nothing where it has two clocks."""
     from logs.convert import sampling_of
 
     first = log[0] if isinstance(log, Pieces) and len(log) else log
@@ -161,5 +161,5 @@ def _sampling(log: Log | Pieces) -> tuple[str, ...]:
         return ()
     found = sampling_of(first)
     if not (found.rebuilt or found.repeated):
-        return ()
+        return ("; ".join(found.losses),) if found.losses else ()
     return (*found.findings, "they are used as they are; `calib import` puts right what can be")

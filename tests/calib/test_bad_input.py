@@ -143,7 +143,7 @@ def test_a_gap_is_reported_and_nothing_reaches_across(
     monkeypatch.chdir(tmp_path)
     path = written(table()[:301] + table()[321:])
     assert main(["validate", "ur10e", str(path), "--no-forward", "--out", "found"]) == 0
-    assert "1 gaps of more than 2.5 sample periods" in capsys.readouterr().err
+    assert "1 gap of more than 2.5 sample periods" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -62,7 +62,9 @@ def test_samples_of_one_instant_are_imported_once(tmp_path, csv_text):
     (tmp_path / "a.csv").write_text("\n".join(map(",".join, cells)) + "\n")
     done = import_recording(tmp_path / "a.csv", tmp_path / "a.mcap")
     assert len(done.log) == 49
-    assert any("1 samples that carry the stamp" in sentence for sentence in done.left_out)
+    assert sum("1 sample carries the stamp" in sentence for sentence in (*done.left_out, *done.sampling.findings)) == 2
+    assert any("is left out" in sentence for sentence in done.sampling.findings)
+    assert done.sampling.missing == 0
 
 
 def test_a_foreign_mcap_file_and_a_bag_folder(tmp_path, mcap_bytes):

@@ -51,6 +51,34 @@ def test_the_clock_behind_jittered_stamps(seed: int) -> None:
     assert found.missing == pytest.approx(lost, abs=3)
 
 
+def test_one_sample_of_an_instant_is_left_out_and_not_missed() -> None:
+    n = np.arange(4000)
+    stamps = n * PERIOD
+    stamps[2000] = stamps[1999]
+    found = examine(stamps, *motion(n * PERIOD)[:2], bridging=False)
+    assert (found.missing, len(found.source), found.losses) == (0, 3999, ())
+    assert any(
+        sentence.startswith("1 sample carries the stamp of the sample before and is left out") for sentence in found.findings
+    )
+
+
+@pytest.mark.parametrize(("first", "second"), [(1, 2), (2, 1), (1, 5)])
+def test_a_rate_that_changes_is_no_loss(first: int, second: int) -> None:
+    n = np.concatenate([np.arange(0, 3000, first), np.arange(3000, 8000, second)])
+    found = examine(n * PERIOD, *motion(n * PERIOD)[:2], bridging=False)
+    rates = [f"{1 / (k * PERIOD):.4g} Hz" for k in (first, second)]
+    assert found.losses == (f"the rate changes: {rates[0]} up to {3000 * PERIOD:.1f} s, {rates[1]} after",)
+    assert found.missing == 0
+
+
+def test_samples_lost_here_and_there_are_no_change_of_rate() -> None:
+    n, stamps, q, dq, _ = recording(3, jitter=0.0, lost=0.02, twice=0.0)
+    found = examine(stamps, q, dq, bridging=False)
+    assert found.missing == n[-1] - n[0] + 1 - len(n)
+    assert len(found.losses) == 1
+    assert found.losses[0].startswith(f"{found.missing} samples are missing in ")
+
+
 def test_bridged_samples_are_marked_and_as_wrong_as_stated() -> None:
     _, stamps, q, dq, tau = recording(7)
     found = examine(stamps, q, dq, {"tau": tau})

@@ -97,7 +97,7 @@ def test_gaps_duplicates_and_skew_are_reported():
     device[5000] = device[4999]
     _, findings = checked(device, host)
     assert any("about 20 samples are missing" in finding for finding in findings)
-    assert any(finding.startswith("1 samples carry the stamp") for finding in findings)
+    assert any(finding.startswith("1 sample carries the stamp") for finding in findings)
     assert any("-300 ppm" in finding for finding in findings)
 
 
@@ -105,4 +105,4 @@ def test_even_sampling_gives_no_finding():
     device, host = clocks()
     assert checked(device, host)[1] == []
     assert checked([0.0])[1] == []
-    assert checked([0.0, 0.0])[1] == ["1 samples carry the stamp of the sample before, first at 0.0000 s"]
+    assert checked([0.0, 0.0])[1] == ["1 sample carries the stamp of the sample before, first at 0.0000 s"]

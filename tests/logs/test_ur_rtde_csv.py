@@ -120,8 +120,8 @@ def test_gaps_and_equal_stamps_are_reported_and_kept(tmp_path, csv_text):
     text = "\n".join(",".join(row) for row in [*cells[:10], *cells[20:]]) + "\n"
     log = read_log(write(tmp_path / "a.csv", text))
     assert len(log) == 40
-    assert any("1 gaps" in finding and "about 10 samples are missing" in finding for finding in log.findings)
-    assert any("1 samples carry the stamp of the sample before" in finding for finding in log.findings)
+    assert any("1 gap" in finding and "about 10 samples are missing" in finding for finding in log.findings)
+    assert any("1 sample carries the stamp of the sample before" in finding for finding in log.findings)
 
 
 def test_windows_line_ends_byte_order_mark_and_quotes(tmp_path, csv_text):

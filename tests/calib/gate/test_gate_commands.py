@@ -12,7 +12,8 @@ import pytest
 from benchmarks.known_truth import fourier_motion, recorded
 from benchmarks.wrong_commands import through
 from benchmarks.wrong_data import Case, base, changes, scaled, within
-from calib.gate.commands import require
+from calib.gate import gate
+from calib.gate.commands import passed, read_as, require
 from calib.identification.identify import identify
 from calib.main import main
 from calib.validation.validate import validate
@@ -83,6 +84,30 @@ def test_a_recording_given_twice_is_not_offered_as_recorded() -> None:
     with pytest.raises(BadLog, match="hold the same samples") as error:
         require(of, [log, log])
     assert "as-recorded" not in str(error.value)
+
+
+@pytest.mark.parametrize(("metadata", "remedy"), [({}, "record it again"), ({"column_map": ""}, "--rate HZ")])
+def test_stamps_coarser_than_the_samples_are_read_by_nobody_as_recorded(metadata: dict[str, str], remedy: str) -> None:
+    of, log = base("ur10e sample")
+    rounded = replace(log, t=np.floor(log.t), metadata=metadata)
+    for ask in (
+        lambda: require(of, [rounded]),
+        lambda: require(of, [read_as(rounded, ["as-recorded"])]),
+        lambda: passed(of, ["as-recorded"])(rounded),
+    ):
+        with pytest.raises(BadLog, match="coarser than the samples") as error:
+            ask()
+        assert remedy in str(error.value)
+        assert "as-recorded" not in str(error.value)
+        assert ("--rate" in str(error.value)) == bool(metadata)
+
+
+def test_a_clock_that_was_set_loses_no_samples() -> None:
+    of, log = base("ur10e sample")
+    k = int(np.argmax(np.abs(log.dq).max(axis=1)))
+    later = replace(log, t=log.t + 1.0 * (np.arange(len(log)) > k))
+    details = [next(c.detail for c in gate(of, [x]).checks if c.check == "losses") for x in (log, later)]
+    assert details[0].split(",")[0] == details[1].split(",")[0]
 
 
 def test_what_an_import_assumed_is_assumed_by_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import re
 import shutil
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,10 +12,9 @@ import pytest
 
 import logs
 from calib.main import main
-from calib.terminal.recordings import arm_and_logs, read_logs, read_pieces, recorded_arm, require
+from calib.terminal.recordings import arm_and_logs, read_logs, recorded_arm, require
 from logs import Recorder, State
 from logs.about import About, about_recording, attachments, is_inside
-from logs.convert import write_log
 from sim.arm import Arm, load_arm
 from sim.cell import load_cell
 from sim.errors import BadLog, ConfigError, EmptyLog
@@ -169,30 +167,6 @@ def test_what_follows_a_validation_without_an_arms_name_can_be_typed(
     file = shutil.copy(SAMPLES / "servo6_excitation.mcap", tmp_path / "a.mcap")
     main(["validate", str(file), "--no-forward", "--max-error", limit, "--out", str(tmp_path / "out"), "--json"])
     assert json.loads(capsys.readouterr().out)["next"] == following.format(file)
-
-
-@pytest.mark.parametrize("what", ["jitter", "repeats", "neither"])
-def test_samples_that_an_import_would_put_right_are_reported(
-    what: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """A recording that is given to a command as it is: late stamps and samples that were sent twice are not passed over in silence."""
-    log, rng = logs.read_log(SAMPLES / "servo6_excitation.mcap"), np.random.default_rng(1)
-    k = np.arange(len(log))
-    t = log.t
-    if what == "repeats":
-        k[5::14] -= 1
-    if what == "jitter":
-        t = np.sort(t + 2e-3 * rng.standard_normal(len(log)))
-    nothing = np.full(log.q.shape, np.nan)
-    names = ("q", "dq", "tau", "temperature")
-    changed = replace(log, t=t, t_host=nothing[:, 0], q_cmd=nothing, dq_cmd=nothing, **{n: getattr(log, n)[k] for n in names})
-    write_log(changed, tmp_path / "log.mcap", "clean", {"arm": "servo6"})
-    read_logs([tmp_path / "log.mcap"], load_arm("servo6"))
-    read_pieces([tmp_path / "log.mcap"], load_arm("servo6"), tmp_path)
-    printed = " ".join(capsys.readouterr().err.split())
-    assert printed.count("`calib import` puts right what can be") == (0 if what == "neither" else 2)
-    assert ("repeat the one before" in printed) == (what == "repeats")
-    assert ("the clock was rebuilt" in printed) == (what == "jitter")
 
 
 @pytest.mark.parametrize("out", [None, "out"])
