@@ -13,7 +13,7 @@ import fsspec
 from calib.fleet.inventory import Recorded, is_local
 from calib.fleet.job import Job
 from calib.gate.commands import by_import, require
-from calib.gate.readings import same_samples
+from calib.gate.copies import same_samples
 from calib.identification.base_fit import survey
 from logs import Pieces, open_pieces
 from sim.errors import BadLog, CalibError

@@ -11,9 +11,10 @@ from functools import cache
 from pathlib import Path
 
 from calib.gate.check import LIKELIEST, GateCheck
+from calib.gate.copies import TWICE
 from calib.gate.correction import AS_RECORDED, ASSUMED, applied, assumed, parsed
 from calib.gate.gate import Gate, gate
-from calib.gate.readings import TWICE, motion, name_of
+from calib.gate.readings import motion, name_of
 from logs.log import Log
 from sim.arm import Arm, load_arm
 from sim.errors import BadLog, ConfigError
@@ -70,8 +71,7 @@ def examined(arm: Arm, logs: Sequence[Log], fitted: Sequence[Log] = ()) -> tuple
         found = gate(arm, logs)
         checks += [check for check in found.checks if check.of_all or not check.ok]
         if found.refusal is not None:
-            double = any(check.check == TWICE and not check.ok for check in found.checks)
-            return tuple(checks), _message(found.refusal, unchanged=not double)
+            return tuple(checks), _message(found.refusal, unchanged=_lifts(found))
     if len(fitted) > 1:
         together = motion(fitted, LEAST_MOTION)
         checks.append(together)
@@ -82,7 +82,7 @@ def examined(arm: Arm, logs: Sequence[Log], fitted: Sequence[Log] = ()) -> tuple
 
 def _lifts(found: Gate) -> bool:
     """Whether reading the recording as it is would be a remedy."""
-    return not any(check.final for check in found.checks)
+    return not any(check.final or (check.check == TWICE and not check.ok) for check in found.checks)
 
 
 def _message(refusal: str, log: Log | None = None, unchanged: bool = True) -> str:

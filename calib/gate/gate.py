@@ -15,7 +15,7 @@ from threading import Lock
 
 import numpy as np
 
-from calib.gate import clock, motion, readings, scale
+from calib.gate import clock, copies, motion, readings, scale
 from calib.gate.check import CONVERT, LIKELIEST, MOST_CAUSES, OTHERS, Cause, GateCheck, options
 from calib.gate.compensation import compensated
 from calib.gate.correction import AS_RECORDED, assumed
@@ -68,7 +68,7 @@ def _gate(arm: Arm, logs: Sequence[Log], family: Callable[[], Sequence[Arm]] | N
     if all(check.ok for check in checks):
         checks += [readings.words(log) for log in logs] + [clock.clock(log) for log in logs]
     if all(check.ok for check in checks):
-        checks.append(readings.twice(logs))
+        checks.append(copies.twice(logs))
         for check in (clock.losses, readings.frozen):
             checks += [check(log) for log in logs]
         checks += [readings.motion([log], least_motion) for log in logs]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Sequence
 
@@ -17,7 +16,6 @@ from logs.log import Log
 from logs.words import finding, wrapped
 from sim.arm import Arm
 
-TWICE = "recordings"  # the check of that name: each is there once
 MOST = 1e9
 FROZEN = 0.5  # s with every reading of a joint the same to the last bit while others move
 OVER_RANGE, OVER_SPEED, OVER_LOAD = 0.2, 2.5, 3.0  # rad beyond the limits; times dq_max; times tau_max
@@ -178,40 +176,6 @@ def motion(logs: Sequence[Log], least: float) -> GateCheck:
         return GateCheck("motion", True, detail, of_all=len(logs) > 1)
     cause = Cause("the motion is too short: record a longer one")
     return GateCheck("motion", False, f"{detail}, {least:g} s are needed", (cause,), of_all=len(logs) > 1)
-
-
-def twice(logs: Sequence[Log]) -> GateCheck:
-    """No recording is there twice: its rows would count twice, and as a check of itself it is none."""
-    for a, b in itertools.combinations(logs, 2):
-        if len(a) and len(b) and same_samples(a, b):
-            cause = Cause(
-                f"{name_of(a)} and {name_of(b)} are the same recording: give it once, and another motion to check with"
-            )
-            return GateCheck(TWICE, False, f"{name_of(a)} and {name_of(b)} hold the same samples", (cause,), of_all=True)
-    detail = f"{len(logs)} recordings, each once" if len(logs) > 1 else "one recording"
-    return GateCheck(TWICE, True, detail, of_all=len(logs) > 1)
-
-
-def same_samples(a: Log, b: Log) -> bool:
-    """Whether most samples of the shorter one stand in the longer one, position and load, as they are or rounded."""
-    short, long = (a, b) if len(a) <= len(b) else (b, a)
-    if short.n != long.n:
-        return False
-    pick = np.linspace(0, len(short) - 1, min(200, len(short))).astype(int)
-    moved = np.abs(np.diff(short.q, axis=0)).max(axis=1, initial=0.0)
-    pick = pick[np.r_[moved, 0.0][pick] > 0]
-    if len(pick) < 20:
-        return False
-    load = [np.where(np.isfinite(x.tau), x.tau, x.current) for x in (short, long)]
-    q_all = np.concatenate([np.nan_to_num(long.q), np.nan_to_num(load[1])], axis=1)
-    scale = np.maximum(q_all.std(axis=0), 1e-9)
-    found = 0
-    for done, k in enumerate(pick):
-        if found + len(pick) - done < ALIKE * len(pick):
-            return False
-        one = np.concatenate([np.nan_to_num(short.q[k]), np.nan_to_num(load[0][k])])
-        found += bool((np.abs(q_all - one) < 1e-3 * scale).all(axis=1).any())
-    return found >= ALIKE * len(pick)
 
 
 def ratios(s: Signals) -> np.ndarray:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from calib.identification.instruments import LEVEL
 from calib.identification.model import SLIP_WIDTHS
 from sim.arm import Arm
@@ -19,13 +21,16 @@ def findings(arm: Arm, fit: BaseFit) -> tuple[str, ...]:
     if sweeps:
         joints = ", ".join(arm.joint_names[s.joint] for s in sweeps)
         out.append(f"friction of {joints} was estimated from the constant-speed sweeps first and enters as a prior")
+    floors: dict[tuple[str, float], list[np.ndarray]] = {}  # a long recording is several measurements
     for m in fit.measurements:
         if m.period is not None and m.noise is not None:
-            floor = ", ".join(f"{x:.3g}" for x in m.noise)
-            out.append(
-                f"{m.name} repeats a motion of {m.period:.4g} s: its average over the periods was differentiated; the torque differs by {floor} N m "
-                "between the periods (RMS, filtered), which no model can explain"
-            )
+            floors.setdefault((m.name, m.period), []).append(m.noise)
+    for (name, period), noises in floors.items():
+        floor = ", ".join(f"{x:.3g}" for x in np.sqrt(np.mean(np.square(noises), axis=0)))
+        out.append(
+            f"{name} repeats a motion of {period:.4g} s: its average over the periods was differentiated; the torque differs by {floor} N m "
+            "between the periods (RMS, filtered), which no model can explain"
+        )
     if solution.regularised:
         shown = f"the scaled condition number is {solution.condition_scaled:.3g}"
         shown = shown if math.isfinite(solution.condition_scaled) else "some directions are not excited at all"

@@ -9,8 +9,8 @@ import numpy as np
 
 from calib.gate.check import LIKELIEST
 from calib.gate.commands import require
+from calib.gate.copies import twice
 from calib.gate.correction import AS_RECORDED, assumed
-from calib.gate.readings import twice
 from calib.identification.base_fit import Options, fitted, survey
 from calib.identification.identify import Identification, identify
 from calib.identification.payload import VAGUE, Load, load_between, scale_from_known_mass, scale_from_own_load

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.signal import lfilter
@@ -121,3 +123,13 @@ def test_noise_that_would_grow_is_made_to_last_instead() -> None:
     assert np.abs(np.roots(np.r_[1.0, -found])).max() == pytest.approx(LARGEST_POLE)
     fine = np.array([0.5, -0.2, 0.1, 0.0])
     assert stable(fine) is fine
+
+
+def test_a_motion_that_a_long_recording_repeats_is_one_finding(ur5e: Arm) -> None:
+    fit = fitted(ur5e, [recorded(ur5e, fourier_motion(ur5e, 1, rate=125.0), 1)], Options(slip_width=1e-4))
+    piece = replace(fit.measurements[0], name="long.mcap", period=20.0)
+    pieces = [replace(piece, noise=np.full(6, x)) for x in (3.0, 4.0)]
+    found = [sentence for sentence in findings(ur5e, replace(fit, measurements=pieces)) if "repeats a motion" in sentence]
+    assert len(found) == 1
+    assert found[0].startswith("long.mcap repeats a motion of 20 s: ")
+    assert "the torque differs by 3.54, 3.54" in found[0]
