@@ -5,15 +5,17 @@ from __future__ import annotations
 import sys
 import time
 from collections import deque
+from contextlib import suppress
 from types import TracebackType
 from typing import Self
 
 import numpy as np
-from rich.console import Console, Group
+from rich.console import Group
 from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
+from calib.terminal.console import Terminal
 from calib.watch.events import WatchEvent
 from calib.watch.picture import Picture
 from calib.watch.watcher import Watcher
@@ -29,7 +31,7 @@ class WatchView:
     """A context manager; `update` as often as one likes. On a terminal a screen, elsewhere nothing but the events, a line each."""
 
     def __init__(self, title: str) -> None:
-        self._title, self._console = title, Console(file=sys.stderr)
+        self._title, self._console = title, Terminal(file=sys.stderr)
         self._live: Live | None = None
         self._due = -np.inf
         self._events: deque[WatchEvent] = deque(maxlen=KEPT)
@@ -48,7 +50,8 @@ class WatchView:
         """Something happened."""
         self._events.append(event)
         if self._live is None:
-            self._console.print(line(event), markup=False, highlight=False, soft_wrap=True)
+            with suppress(OSError):  # the watch goes on, and events.jsonl holds it
+                self._console.print(line(event), markup=False, highlight=False, soft_wrap=True)
 
     def update(self, share: float, watcher: Watcher) -> None:
         """Draw, unless it was drawn a moment ago."""

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import os
+import subprocess
+import sys
 import time
 from datetime import UTC, datetime
 from pathlib import Path
@@ -87,6 +89,19 @@ def test_json_lines_are_for_other_programs(
     lines = [json.loads(text) for text in capsys.readouterr().out.splitlines()]
     assert [line.get("event") for line in lines[:-1]] == ["load_changed", "payload_attached"]
     assert lines[-1]["schema"] == "watch/1"
+
+
+def test_a_watch_whose_reader_has_gone_ends_at_the_next_event(watched: tuple[Path, Path, int], tmp_path: Path) -> None:
+    read, write = os.pipe()
+    os.close(read)
+    words = ["watch", str(watched[0] / "shift.mcap"), "--json", "--out", "o", "--database", "t"]
+    done = subprocess.run(
+        [sys.executable, "-m", "calib", *words], cwd=tmp_path, stdout=write, stderr=subprocess.STDOUT, check=False
+    )
+    os.close(write)
+    assert done.returncode == 141
+    assert len((tmp_path / "o/events.jsonl").read_text().splitlines()) == 1
+    assert read_run(tmp_path / "o").exit_code == 0
 
 
 def test_a_cell_that_plays_a_recording_ends_with_it(watched: tuple[Path, Path, int], tmp_path: Path) -> None:
