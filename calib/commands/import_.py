@@ -186,7 +186,7 @@ def _report(done: Imported) -> None:
 def _rows(done: Imported, delay: TorqueDelay | None) -> list[list[Any]]:
     facts = _plain(done, delay)
     rows = [
-        ["samples", f"{facts['samples']} in {facts['duration']:.3f} s, {console.cell(1 / done.sampling.period)} Hz"],
+        ["samples", f"{facts['samples']} in {facts['duration']:.3f} s, {console.cell(facts['rate'])} Hz"],
         ["joints", ", ".join(facts["joints"])],
         ["measured", ", ".join(facts["measured"])],
         ["source", done.ended.value],
@@ -225,7 +225,7 @@ def _plain(done: Imported, delay: TorqueDelay | None) -> dict[str, Any]:
         "source_state": done.ended.name.lower(),
         "samples": len(log),
         "duration": duration,
-        "rate": (len(log) - 1) / duration if duration > 0 else None,
+        "rate": 1 / done.sampling.period if done.sampling.period > 0 else None,
         "joints": log.joint_names,
         "measured": [name for name in CHANNELS if np.isfinite(getattr(log, name)).any()],
         "clock": log.clock,

@@ -151,6 +151,17 @@ def test_options_for_tables_are_refused_elsewhere(csv_file: Path, capsys: pytest
     assert "says itself what it holds" in capsys.readouterr().err
 
 
+def test_a_rate_that_changes_is_reported_and_no_sample_missed(table_file: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    head, *rows = table_file.read_text().splitlines()
+    kept = [row for k, row in enumerate(rows) if k < 2 * len(rows) // 3 or k % 2 == 0]
+    table_file.write_text("\n".join([head, *kept]) + "\n")
+    assert main(["import", str(table_file), "--yes", "--out", "here", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["rate"] == pytest.approx(500.0)
+    assert found["sampling"]["missing"] == 0
+    assert any(sentence.startswith("the rate changes: 500 Hz up to ") for sentence in found["sampling"]["findings"])
+
+
 def test_jitter_is_reported_and_the_stamps_are_kept(table_file: Path, capsys: pytest.CaptureFixture[str]) -> None:
     rng = np.random.default_rng(4)
     lines = table_file.read_text().splitlines()
