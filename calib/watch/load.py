@@ -22,6 +22,7 @@ UNDECIDED = 3.0  # s of motion after which a change that proved nothing is dropp
 SHARE = 0.6  # of the evidence for any torque that a load at the flange must carry
 AS_BEFORE = 2.5  # mean square of what the state of before leaves, in units of its variance
 CALM_ROWS = 6
+RESTED = 0.2  # s without an informative row: longer than every joint takes to turn round
 LASTS = 5.0  # s of motion of an unexplained torque after which the model is not the arm's any more
 SURE = 5.0  # standard deviations
 FLOOR = 0.03  # of the mass scale: what no claim is made of
@@ -54,6 +55,7 @@ class LoadWatch:
         self._open: _Open | None = None
         self._past: deque[tuple[float, float, FilterState]] = deque(maxlen=CANDIDATES + 2)
         self.moved = np.zeros(arm.n)
+        self._rest = 0.0  # s since a row was informative
         self._claim = 0.0
         self._began = np.nan
         self.announced = filter_.x[:4].copy()
@@ -93,12 +95,18 @@ class LoadWatch:
             self._began = row.t
         used = self._filter.usable(row)
         if not used.any():
+            self._rest += row.seconds
             self._filter.add(row)
             return [], None
+        began = row.t - 2 * row.seconds
+        if self._rest > RESTED:  # what was loaded or taken off meanwhile is no jump within the rows before
+            self._detector.forget()
+            began -= self._rest
+        self._rest = 0.0
         self.moved += used * row.seconds
         if self._open is not None and self._open.contact:
             return self._while_contact(row, used), None
-        self._past.append((row.t - 2 * row.seconds, row.t, self._filter.snapshot()))
+        self._past.append((began, row.t, self._filter.snapshot()))
         innovation = self._filter.add(row, learn=self._open is None and self.settled, trust=self._open is not None)
         if innovation is None:
             return [], None
@@ -148,8 +156,7 @@ class LoadWatch:
 
     def _as_before(self, row: Row, used: np.ndarray, open_: _Open) -> bool:
         """Whether the estimate before the change explains the rows again, where it would not if the change were still there."""
-        old = self._filter.left(row, open_.before.x)[used] / self._filter.noise[used]
-        new = self._filter.left(row, self._filter.x)[used] / self._filter.noise[used]
+        old, new = (self._filter.left(row, x)[used] / self._filter.noise[used] for x in (open_.before.x, self._filter.x))
         apart = float(np.mean((old - new) ** 2))
         worst = float(np.mean(old**2))
         if open_.contact:
@@ -195,18 +202,17 @@ class LoadWatch:
         return [WatchEvent(Kind.MODEL_INVALID, row.t, open_.began, text, size, joint)]
 
     def _contact(self, row: Row, torque: np.ndarray) -> WatchEvent:
-        open_ = self._open
-        assert open_ is not None
+        assert self._open is not None
         j = int(np.argmax(np.abs(torque) / self._filter.noise))
         joint = self._arm.joint_names[j]
         size = Quantity(float(torque[j]), float(self._filter.noise[j]), "N*m")
         text = f"something touched the arm or pulls at it: {joint} carries {size} more, and no load at the flange does that"
-        return WatchEvent(Kind.UNEXPECTED_CONTACT, row.t, open_.began, text, {"torque": size}, joint)
+        return WatchEvent(Kind.UNEXPECTED_CONTACT, row.t, self._open.began, text, {"torque": size}, joint)
 
     def _claimed(self, row: Row, trusted: bool) -> list[WatchEvent]:
         """A load that was there from the start, or came while the arm stood or crept: claimed when it has been sure for a while."""
-        enough = np.count_nonzero(self.moved >= JOINT_SECONDS) >= min(JOINTS_LEAST, self._arm.n)
-        self.settled = self.settled or bool(enough and self._filter.covariance[0, 0] < (KNOWN * self._filter.mass_scale) ** 2)
+        enough = bool(np.count_nonzero(self.moved >= JOINT_SECONDS) >= min(JOINTS_LEAST, self._arm.n))
+        self.settled |= enough and bool(self._filter.covariance[0, 0] < (KNOWN * self._filter.mass_scale) ** 2)
         if not trusted or not self._differs(self.announced, self._announced_std):
             self._claim = 0.0
             return []
@@ -229,20 +235,17 @@ class LoadWatch:
         self._announced_std = float(np.sqrt(self._filter.covariance[0, 0]))
         self._began, self._claim = t, 0.0
         mass = self.mass()
-        light = self.least
         size = {"mass": mass, "mass_change": Quantity(mass.value - before, mass.std, "kg")}
-        removed = abs(mass.value) < max(light, 3 * mass.std)
+        removed = abs(mass.value) < max(self.least, 3 * mass.std)
         self.claimed = None if removed else mass
         if removed:
-            return [
-                WatchEvent(Kind.PAYLOAD_REMOVED, t, began, f"payload removed: {before:.3g} kg are gone, {mass} remain", size)
-            ]
+            text = f"payload removed: {before:.3g} kg are gone, {mass} remain"
+            return [WatchEvent(Kind.PAYLOAD_REMOVED, t, began, text, size)]
         com = self.com()
+        where = ""
         if com is not None:
             size |= dict(zip(("com_x", "com_y", "com_z"), com, strict=True))
-        where = (
-            "" if com is None else " at (" + ", ".join(f"{1e3 * c.value:.0f}" for c in com) + ") mm in the last link's frame"
-        )
-        if abs(before) < light:
+            where = f" at ({', '.join(f'{1e3 * c.value:.0f}' for c in com)}) mm in the last link's frame"
+        if abs(before) < self.least:
             return [WatchEvent(Kind.PAYLOAD_ATTACHED, t, began, f"payload attached: {mass}{where}", size)]
         return [WatchEvent(Kind.PAYLOAD_CHANGED, t, began, f"payload changed from {before:.3g} kg to {mass}{where}", size)]

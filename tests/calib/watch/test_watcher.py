@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from benchmarks.known_truth import fourier_motion, recorded
 from benchmarks.shift import moving_at, states, work
 from calib.watch.events import Kind, WatchEvent
 from calib.watch.picture import Declared
@@ -71,6 +72,23 @@ def test_a_load_taken_up_at_rest_is_reported_once_the_arm_moves(servo6: Arm, loa
     events = watched(Watcher(servo6, 200.0), states(servo6, motion, 0, [(taken, loaded)]))
     assert Kind.PAYLOAD_ATTACHED in kinds(events)
     assert not any(e.t < taken + 0.5 for e in events)
+
+
+@pytest.mark.parametrize(("before", "after"), [(32, 33), (33, 34)])
+def test_a_load_taken_up_at_rest_is_no_contact_while_one_joint_moves(before: int, after: int) -> None:
+    """What the others did before the rest says nothing of a load that came after it."""
+    arm, nothing = load_arm("ur10e"), np.full(6, np.nan)
+    heavier = with_effect(arm, ArmEffect("payload", None, {"mass": 2.0, "com_x": 0.0, "com_y": 0.01, "com_z": 0.05}))
+    logs = [recorded(of, fourier_motion(arm, seed, 12.0, 100.0), seed) for of, seed in ((arm, before), (heavier, after))]
+    q, dq, tau = (np.concatenate([getattr(log, name) for log in logs]) for name in ("q", "dq", "tau"))
+    t = 0.01 * np.arange(len(q))
+    events = watched(
+        Watcher(arm, 100.0), (JointState(t[k], t[k], q[k], dq[k], tau[k], nothing, nothing) for k in range(len(t)))
+    )
+    assert kinds(events) == [Kind.LOAD_CHANGED, Kind.PAYLOAD_ATTACHED]
+    mass = events[1].size["mass"]
+    assert abs(mass.value - 2.0) < 3 * mass.std
+    assert events[1].began[0] <= t[len(logs[0].t)] <= events[1].began[1]
 
 
 def test_what_is_declared_is_compared(servo6: Arm, loaded: Arm, calm: list[JointState]) -> None:
