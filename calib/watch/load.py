@@ -40,7 +40,6 @@ class _Open:
     contact: bool
     moved: float = 0.0
     calm: int = 0
-    apart: bool = False
     peak: np.ndarray = field(default_factory=lambda: np.zeros(0))
     nis: deque[float] = field(default_factory=lambda: deque(maxlen=15))
 
