@@ -111,9 +111,10 @@ def _json_line(data: dict[str, Any]) -> None:
 def _show(found: Watched) -> None:
     p = found.picture
     rows = [
-        [joint, float(p.moved[j]), rounded(f.coulomb.value, 2 * f.coulomb.std), rounded(f.viscous.value, 2 * f.viscous.std),
-         float(p.residual[j]), f.temperature]
-        for j, (joint, f) in enumerate(zip(found.source.arm.joint_names, p.friction, strict=True))
+        [joint, float(p.moved[j]), f and rounded(f.coulomb.value, 2 * f.coulomb.std), f and rounded(f.viscous.value, 2 * f.viscous.std),
+         float(p.residual[j]), p.friction[j].temperature]
+        for j, joint in enumerate(found.source.arm.joint_names)
+        for f in [p.measured(j)]
     ]  # fmt: skip
     console.table(
         ["joint", "motion [s]", "Coulomb ± 2 std [N m]", "viscous ± 2 std [N m s/rad]", "residual RMS [N m]", "[degC]"], rows
@@ -127,7 +128,10 @@ def _show(found: Watched) -> None:
     consistency = (
         "" if math.isnan(p.nis) else f"; filter consistency (NIS per degree of freedom, 1 expected): {significant(p.nis)}"
     )
-    console.say(f"{len(found.events)} event{'' if len(found.events) == 1 else 's'} in {found.seconds:.1f} s{consistency}.")
+    judged = "" if p.fits is not None else "; whether the readings fit the arm was not judged (`fits` is null in watch.json)"
+    console.say(
+        f"{len(found.events)} event{'' if len(found.events) == 1 else 's'} in {found.seconds:.1f} s{consistency}{judged}."
+    )
     for kind, count in p.faults.items():
         console.warn(f"{count} readings left out: {kind.replace('_', ' ')}")
 

@@ -50,6 +50,10 @@ class Picture:
     faults: dict[str, int]
     broken: bool = False
 
+    def measured(self, j: int) -> JointFriction | None:
+        """The friction of joint j; None where it has not moved, because its numbers are then the arm file's."""
+        return self.friction[j] if self.moved[j] > 0 else None
+
     @property
     def sentence(self) -> str:
         """The state in words; nothing is claimed without motion."""

@@ -73,10 +73,11 @@ class Watched:
             "faults": p.faults, "trend": self.kept,
             "joints": [
                 {
-                    "joint": joint, "moved": p.moved[j], "seconds": p.seconds[j], "coulomb": p.friction[j].coulomb, "viscous": p.friction[j].viscous,
+                    "joint": joint, "moved": p.moved[j], "seconds": p.seconds[j], "coulomb": f and f.coulomb, "viscous": f and f.viscous,
                     "residual": p.residual[j], "temperature": p.friction[j].temperature,
                 }
                 for j, joint in enumerate(arm.joint_names)
+                for f in [p.measured(j)]
             ],
             "events": [e.as_dict() for e in self.events],
         }  # fmt: skip

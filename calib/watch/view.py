@@ -5,23 +5,33 @@ from __future__ import annotations
 import sys
 import time
 from collections import deque
+from collections.abc import Sequence
 from contextlib import suppress
 from types import TracebackType
 from typing import Self
 
 import numpy as np
+from rich.cells import cell_len
 from rich.console import Group
 from rich.live import Live
-from rich.table import Table
 from rich.text import Text
 
+from calib.terminal import text_table
 from calib.terminal.console import Terminal
-from calib.watch.events import WatchEvent
+from calib.watch.events import Quantity, WatchEvent
 from calib.watch.picture import Picture
 from calib.watch.watcher import Watcher
 from logs.recording import ERROR, WARN
 from sim.files import printable
 
+HEADERS = (
+    "joint",
+    "dry N m",
+    "viscous N m s/rad",
+    "residual N m",
+    "motion s",
+    "°C",
+)  # the first ones stay where there is little room
 REDRAW = 0.25
 KEPT = 6
 CONSISTENT = (0.5, 1.6)  # of the normalised innovation squared; tails are heavier than a normal law's, models are not perfect
@@ -62,25 +72,25 @@ class WatchView:
 
     def screen(self, share: float, p: Picture, joints: tuple[str, ...]) -> Group:
         """The screen."""
-        grid = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0))
-        for header in ("joint", "dry N m", "viscous N m s/rad", "residual N m", "°C", "motion s"):
-            grid.add_column(header, justify="left" if header == "joint" else "right", no_wrap=True)
-        for j, joint in enumerate(joints):
-            f = p.friction[j]
-            grid.add_row(
-                Text(joint), f"{f.coulomb.value:.2f} ± {2 * f.coulomb.std:.2f}", f"{f.viscous.value:.2f} ± {2 * f.viscous.std:.2f}",
-                _number(p.residual[j]), _number(f.temperature), f"{p.moved[j]:.0f}",
-            )  # fmt: skip
+        rows = [
+            [joint, _interval(f and f.coulomb), _interval(f and f.viscous), _number(p.residual[j]), f"{p.moved[j]:.0f}",
+             _number(p.friction[j].temperature)]
+            for j, joint in enumerate(joints) for f in [p.measured(j)]
+        ]  # fmt: skip
+        width = self._console.width
+        kept = _columns_within([HEADERS, *rows], width)
+        grid = text_table.lines(HEADERS[:kept], [row[:kept] for row in rows], [k > 0 for k in range(kept)], width)
         good = CONSISTENT[0] < p.nis < CONSISTENT[1]
         consistency = (
             "–" if np.isnan(p.nis) else f"{p.nis:.2f}" + ("" if good else f", expected {CONSISTENT[0]:g} to {CONSISTENT[1]:g}")
         )
+        at = f"   {p.t:.1f} s" if np.isfinite(p.t) else ""
         done = f"   {share:.0%}" if share else ""
         return Group(
-            Text(f"{self._title}   {p.t:.1f} s{done}", style="bold"),
+            Text(f"{self._title}{at}{done}", style="bold"),
             Text(printable(p.sentence)),
             Text.assemble("consistency (NIS/degrees) ", (consistency, "" if good or np.isnan(p.nis) else "yellow")),
-            grid,
+            *(Text(text, style="bold" if heading else "") for text, heading in grid),
             *(
                 Text(line(e), style="bold red" if e.level >= ERROR else "yellow" if e.level >= WARN else "")
                 for e in self._events
@@ -92,6 +102,16 @@ class WatchView:
 def line(event: WatchEvent) -> str:
     """An event as a person reads it."""
     return f"{event.t:10.3f} s  {printable(event.message)}"
+
+
+def _columns_within(rows: Sequence[Sequence[str]], width: int) -> int:
+    """How many of the first columns fit side by side: what does not is left out, and no number is cut."""
+    ends = np.cumsum([max(cell_len(row[k]) for row in rows) + len(text_table.GAP) for k in range(len(rows[0]))])
+    return max(2, int(np.count_nonzero(ends - len(text_table.GAP) <= width)))
+
+
+def _interval(x: Quantity | None) -> str:
+    return "–" if x is None else f"{x.value:.2f} ± {2 * x.std:.2f}"
 
 
 def _number(x: float) -> str:

@@ -200,8 +200,14 @@ def test_a_database_that_is_none_is_refused_before_anything_is_watched(
 
 def test_a_mock_cell_that_nobody_moves_claims_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["watch", "mock-ur10e", "--seconds", "1", "--out", str(tmp_path / "o"), "--database", str(tmp_path / "t")]) == 0
-    assert "No claim without motion" in capsys.readouterr().out
+    shown = capsys.readouterr().out
+    assert "No claim without motion" in shown
+    assert "whether the readings fit the arm was not judged" in " ".join(shown.split())
+    assert "±" not in shown.partition("\n")[2]
     assert (tmp_path / "o" / "events.jsonl").read_text() == ""
+    result = json.loads((tmp_path / "o" / "watch.json").read_text())
+    assert result["fits"] is None
+    assert {(j["moved"], j["coulomb"], j["viscous"]) for j in result["joints"]} == {(0.0, None, None)}
 
 
 @pytest.mark.slow
