@@ -11,6 +11,8 @@ from calib.past_runs import RUNS
 from calib.run_folder import conclude, new_run
 from calib.terminal import console, options
 
+MOST_NAMES = 5  # of files that are not read
+
 
 def command(
     folder: Annotated[
@@ -42,8 +44,12 @@ def command(
     """Identify, validate and diagnose every arm that has recordings below a folder, and compare the arms of one model.
 
     Writes fleet.parquet, report.html and arms/<arm>/ into DIR, runs/fleet-<folder>/ if not given; called again, it does only
-    what is new there. Exit code 0 where every arm is as its model says, 1 where an arm deviates or could not be assessed. With
-    --no-diagnose no arm is compared with its model: 0 says only that every arm was identified.
+    what is new there. Exit code 0 where no effect is missing from an arm's model and no arm is unlike its siblings, 1 where
+    one deviates or could not be assessed. With --no-diagnose no arm is compared with its model: 0 says only that every arm was
+    identified.
+
+    Friction, masses and inertias are fitted for every arm: a change in them is found beside three siblings or more, or by
+    `calib diagnose --baseline`.
 
     Example:
 
@@ -53,7 +59,7 @@ def command(
 
     with needing("fleet", "calib fleet"):
         from calib.fleet.fleet import Progress, Settings, run_fleet
-        from calib.fleet.inventory import inventory
+        from calib.fleet.inventory import foreign, inventory
         from calib.fleet.summary import arm_rows, deviation_rows, nothing_wrong, sentence, trouble_rows
         from calib.report import fleet as page
 
@@ -64,6 +70,9 @@ def command(
 
     place = out or RUNS / f"fleet-{re.sub(r'[^A-Za-z0-9]+', '-', folder).strip('-') or 'here'}"
     there = inventory(folder)
+    if others := foreign(folder):
+        listed = ", ".join(others[:MOST_NAMES]) + (f" and {len(others) - MOST_NAMES} more" if len(others) > MOST_NAMES else "")
+        console.warn(f"not read, because only .mcap is: {listed}; `calib import FILE --arm ARM` makes an .mcap of each")
     run = new_run("fleet", "fleet", place, continues=True, recordings=folder)
     settings = Settings(scheduler, workers, session, accept_partial, not no_diagnose)
     with console.progress("fleet", None) as advance:

@@ -20,6 +20,7 @@ from mcap.exceptions import McapError
 from mcap.reader import NonSeekingReader, SeekingReader
 
 from logs.mcap_records import MAGIC, MAX_RECORD
+from logs.read import SUFFIXES
 from logs.schemas import RECORDING
 from sim.errors import BadLog, ConfigError
 from sim.files import is_name, open_regular, printable
@@ -77,20 +78,12 @@ def inventory(address: str) -> tuple[list[Recorded], list[tuple[str, str]]]:
 
     ConfigError where there is no such folder or it holds no recording.
     """
-    try:
-        system, root = fsspec.core.url_to_fs(address)
-        if not system.isdir(root):
-            raise ConfigError(f"{address}: is not a folder; give the folder that the recordings are below")
-        found = system.find(root, detail=True)
-    except (OSError, ValueError, ImportError) as error:
-        raise ConfigError(
-            f"{address}: cannot be listed ({error}); give a path or an address whose fsspec package is installed"
-        ) from error
+    system, found = _files(address)
     recordings, unknown = [], []
     for path, about in sorted(found.items()):
         if not path.endswith(SUFFIX):
             continue
-        full = system.unstrip_protocol(path)
+        full = _full(system, path)
         try:
             recordings.append(_recorded(system, path, full, about))
         except (BadLog, OSError) as error:
@@ -100,6 +93,13 @@ def inventory(address: str) -> tuple[list[Recorded], list[tuple[str, str]]]:
     if not recordings and not unknown:
         raise ConfigError(f"{address}: holds no {SUFFIX} file; give the folder that the recordings are below")
     return recordings, unknown
+
+
+def foreign(address: str) -> list[str]:
+    """The recordings below a folder that are in another form, which no fleet reads."""
+    system, found = _files(address)
+    others = [suffix for suffix in SUFFIXES if suffix != SUFFIX]
+    return [printable(_full(system, path)) for path in sorted(found) if Path(path).suffix.lower() in others]
 
 
 def by_arm(recordings: Iterable[Recorded]) -> dict[str, tuple[Recorded, ...]]:
@@ -114,6 +114,24 @@ def by_arm(recordings: Iterable[Recorded]) -> dict[str, tuple[Recorded, ...]]:
 def is_local(system: Any) -> bool:
     """Whether a file system of fsspec is this computer's."""
     return "file" in np.atleast_1d(system.protocol)
+
+
+def _files(address: str) -> tuple[Any, dict[str, dict[str, Any]]]:
+    """The file system of an address, and the files below it."""
+    try:
+        system, root = fsspec.core.url_to_fs(address)
+        if not system.isdir(root):
+            raise ConfigError(f"{address}: is not a folder; give the folder that the recordings are below")
+        return system, system.find(root, detail=True)
+    except (OSError, ValueError, ImportError) as error:
+        raise ConfigError(
+            f"{address}: cannot be listed ({error}); give a path or an address whose fsspec package is installed"
+        ) from error
+
+
+def _full(system: Any, path: str) -> str:
+    """The address of a file: its path on this computer, and with its protocol elsewhere."""
+    return path if is_local(system) else str(system.unstrip_protocol(path))
 
 
 def _recorded(system: Any, path: str, address: str, about: dict[str, Any]) -> Recorded:

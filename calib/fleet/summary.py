@@ -10,7 +10,7 @@ import numpy as np
 from calib.claims.diagnosis_sentences import quantity
 from calib.fleet.fleet import Fleet, deviates
 from calib.fleet.job import ArmStatus
-from calib.fleet.siblings import OUTLIER
+from calib.fleet.siblings import LEAST, OUTLIER
 
 
 def sentence(fleet: Fleet) -> str:
@@ -24,6 +24,9 @@ def sentence(fleet: Fleet) -> str:
     text += f", {len(deviating)} deviate{'s' if len(deviating) == 1 else ''}" if deviating else none
     models = "its model" if blind == 1 else "their models"
     text += f"; {blind} not diagnosed, so not compared with {models}" if blind else ""
+    if alone := sum(row.get("outlier_score") is None for row in done):
+        of = f"{alone} arm{'s' * (alone != 1)}"
+        text += f"; the friction, masses and inertias of {of} are fitted and compared with no siblings ({LEAST} arms of a model are the least)"
     if len(done) < len(rows):
         text += f"; {len(rows) - len(done)} could not be assessed"
     if fleet.unassigned:
@@ -50,7 +53,7 @@ def arm_rows(fleet: Fleet) -> list[list[Any]]:
     """Arm, status, recordings, minutes, worst share of torque that is left, verdict, parameter farthest from the siblings'."""
     return [
         [
-            row["arm"], row["status"].replace("_", " "), len(row["logs"]), row["seconds"] / 60 if row.get("seconds") else None,
+            row["arm"], row["status"].replace("_", " "), _used(row), row["seconds"] / 60 if row.get("seconds") else None,
             _worst(row), str(row.get("verdict") or "").replace("_", " "), _farthest(row),
         ]
         for row in fleet.rows
@@ -76,17 +79,17 @@ def deviation_rows(fleet: Fleet) -> list[list[Any]]:
     return out
 
 
+def refit_rows(fleet: Fleet) -> list[list[str]]:
+    """Arm, and what a refit moved beyond its tolerances: `calib diagnose` names no effect for it."""
+    return [[row["arm"], row["refit"]] for row in fleet.rows if row.get("refit")]
+
+
 def trouble_rows(fleet: Fleet) -> list[list[str]]:
     """Arm, status, why: arms that could not be assessed, and recordings that could not be used."""
     out = [
         [row["arm"], ArmStatus[row["status"].upper()].value, row["sentence"]] for row in fleet.rows if row["status"] != "done"
     ]
-    out += [
-        [row["arm"], "assessed without a recording", bad]
-        for row in fleet.rows
-        if row["status"] == "done"
-        for bad in row["bad_logs"]
-    ]
+    out += [[row["arm"], "left out", bad] for row in fleet.rows if row["status"] == "done" for bad in row["bad_logs"]]
     out += [[row["arm"], "not diagnosed", row["diagnosis_trouble"]] for row in fleet.rows if row.get("diagnosis_trouble")]
     return out + [["", "recording of no arm", why] for _, why in fleet.unassigned]
 
@@ -97,6 +100,12 @@ def since(effect: Mapping[str, Any]) -> str:
     if not when:
         return "not seen alone"
     return f"since {when}" if effect["began"] else f"in every recording from {when} on"
+
+
+def _used(row: Mapping[str, Any]) -> int | str:
+    """How many recordings were used, and of how many where one was left out; all there are of an arm that was not assessed."""
+    there, left_out = len(row["logs"]), len(row["bad_logs"]) if row["status"] == "done" else 0
+    return f"{there - left_out} of {there}" if left_out else there
 
 
 def _worst(row: Mapping[str, Any]) -> str:

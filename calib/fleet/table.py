@@ -53,6 +53,7 @@ COLUMNS = pa.schema(
         ("searched_seconds", pa.float64()),
         ("weighed_seconds", pa.float64()),
         ("elsewhere", pa.string()),
+        ("refit", pa.string()),
         ("effects", pa.list_(_EFFECT)),
         ("unexplained", _WORDS),
         ("parameters", _WORDS),

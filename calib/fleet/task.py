@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from calib.claims.of_diagnosis import disagrees
+from calib.claims.of_diagnosis import claims, disagrees
 from calib.diagnosis.answer import Diagnosis
 from calib.diagnosis.whole import Whole, diagnose_pieces
 from calib.fleet.job import Answer, ArmStatus, Job, base_row, refusal
@@ -160,6 +160,7 @@ def _diagnosed(named: Diagnosis | None, whole: Whole, past: Sequence[History], t
         "searched_seconds": whole.searched,
         "weighed_seconds": whole.weighed,
         "elsewhere": "" if whole.elsewhere is None else " ".join(filter(None, whole.elsewhere[0])),
+        "refit": "; ".join(c.sentence for c in claims(named.answer) if c.name == "refit"),
         "effects": effects,
         "unexplained": [u["joint"] for u in named.answer["unexplained"]],
     }

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from calib.fleet.fleet import Fleet, deviates
 from calib.fleet.siblings import OUTLIER
-from calib.fleet.summary import arm_rows, deviation_rows, not_diagnosed, sentence, trouble_rows
+from calib.fleet.summary import arm_rows, deviation_rows, not_diagnosed, refit_rows, sentence, trouble_rows
 from calib.report import figure
 from calib.report.page import Page, Verdict
 
@@ -36,6 +36,10 @@ def write(path: str | Path, address: str, fleet: Fleet) -> Path:
             ["arm", "what", "joint", "how large", "since"],
             deviating,
             "what `calib diagnose` identified, and what is unlike the siblings",
+        )
+    if refit := refit_rows(fleet):
+        page.section("What the fit moved far from the model's values").table(
+            ["arm", "what"], refit, "no deviation by itself: whether it is a change, siblings or a baseline show"
         )
     if trouble:
         page.section("What could not be assessed, and why").table(["arm", "what", "why"], trouble)

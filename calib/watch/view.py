@@ -73,7 +73,7 @@ class WatchView:
     def screen(self, share: float, p: Picture, joints: tuple[str, ...]) -> Group:
         """The screen."""
         rows = [
-            [joint, _interval(f and f.coulomb), _interval(f and f.viscous), _number(p.residual[j]), f"{p.moved[j]:.0f}",
+            [joint, _interval(f.coulomb if f else None), _interval(f.viscous if f else None), _number(p.residual[j]), f"{p.moved[j]:.0f}",
              _number(p.friction[j].temperature)]
             for j, joint in enumerate(joints) for f in [p.measured(j)]
         ]  # fmt: skip

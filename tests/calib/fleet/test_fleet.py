@@ -47,6 +47,7 @@ def test_a_copy_of_a_recording_counts_once(tmp_path: Path, ur5e: Arm) -> None:
     assert twice["status"] == "done"
     assert ["b.mcap: holds the same samples as" in why for why in twice["bad_logs"]] == [True]
     assert twice["values"] == once["values"]
+    assert [Path(where) for where in twice["logs"]] == [file, file.with_name("b.mcap")]
 
 
 @pytest.mark.slow

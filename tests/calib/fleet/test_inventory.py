@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calib.fleet.inventory import by_arm, inventory
+from calib.fleet.inventory import by_arm, foreign, inventory
 from logs import Recorder
 from sim.arm import Arm
 from sim.errors import ConfigError
@@ -63,3 +63,9 @@ def test_a_recording_that_was_cut_short_still_says_whose_it_is(tmp_path: Path, u
 def test_a_folder_that_is_not_there_is_named(address: str) -> None:
     with pytest.raises(ConfigError, match=address):
         inventory(address)
+
+
+def test_recordings_of_another_form_are_named(tmp_path: Path) -> None:
+    for name in ("a.csv", "notes.txt", "b.mcap"):
+        (tmp_path / name).write_text("")
+    assert foreign(str(tmp_path)) == [str(tmp_path / "a.csv")]

@@ -7,16 +7,22 @@ from typing import Any
 import pytest
 
 from calib.fleet.fleet import Fleet
-from calib.fleet.summary import deviation_rows, nothing_wrong, sentence
+from calib.fleet.summary import arm_rows, deviation_rows, nothing_wrong, refit_rows, sentence, trouble_rows
 
-GOOD = {"status": "done", "verdict": "no_missing_effect"}
-BLIND = {"status": "done", "verdict": "not_diagnosed"}
+ALONE = {"status": "done", "verdict": "no_missing_effect"}
+GOOD = ALONE | {"outlier_score": 1.0}
+BLIND = {"status": "done", "verdict": "not_diagnosed", "outlier_score": 1.0}
 
 
 @pytest.mark.parametrize(
     ("rows", "text"),
     [
         ([GOOD, GOOD], "2 of 2 arms assessed, none deviates"),
+        (
+            [GOOD, ALONE],
+            "2 of 2 arms assessed, none deviates; the friction, masses and inertias of 1 arm are fitted and compared with no siblings "
+            "(4 arms of a model are the least)",
+        ),
         ([GOOD, BLIND], "2 of 2 arms assessed, none deviates; 1 not diagnosed, so not compared with its model"),
         ([BLIND], "1 of 1 arms assessed; 1 not diagnosed, so not compared with its model"),
         ([BLIND, BLIND], "2 of 2 arms assessed; 2 not diagnosed, so not compared with their models"),
@@ -38,6 +44,13 @@ def test_an_arm_whose_model_does_not_agree_has_a_line_of_its_own() -> None:
     assert [row[:2] for row in rows] == [["b", "the model does not agree, and no effect is identified"]]
 
 
+def test_a_recording_that_is_left_out_is_not_counted_among_those_that_were_used() -> None:
+    five = {"arm": "a", "outlier_parameter": "mcy_2", "logs": list("abcde"), "bad_logs": ["d: damaged", "e: the same as a"]}
+    fleet = Fleet([GOOD | five, GOOD | five | {"bad_logs": []}, five | {"status": "no_excitation", "sentence": "why"}], [], ())
+    assert [row[2] for row in arm_rows(fleet)] == ["3 of 5", 5, 5]
+    assert trouble_rows(fleet)[-2:] == [["a", "left out", "d: damaged"], ["a", "left out", "e: the same as a"]]
+
+
 def test_a_diagnosis_that_could_not_be_made_is_a_failure() -> None:
     assert nothing_wrong(Fleet([GOOD, BLIND | {"diagnosis_trouble": ""}], [], ()))
     assert not nothing_wrong(Fleet([GOOD, BLIND | {"diagnosis_trouble": "a.mcap: too short"}], [], ()))
@@ -51,3 +64,9 @@ def test_how_large_a_deviation_is_has_its_uncertainty() -> None:
     effect = {"effect": "payload", "joint": None, "parameters": [mass, com], "since": "", "began": False}
     ((_, what, joint, size, _),) = deviation_rows(Fleet([GOOD | {"arm": "a", "effects": [effect]}], [], ()))
     assert (what, joint, size) == ("payload", "whole arm", "mass 0.84 ± 0.13 kg, com z not identifiable, held at 0 m")
+
+
+def test_what_the_fit_moved_far_is_shown_and_is_no_deviation() -> None:
+    fleet = Fleet([GOOD | {"arm": "a", "refit": "moves the mass"}, GOOD | {"arm": "b", "refit": ""}], [], ())
+    assert refit_rows(fleet) == [["a", "moves the mass"]]
+    assert nothing_wrong(fleet)
