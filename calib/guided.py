@@ -6,6 +6,7 @@ remembered, so a session that was left, stopped or killed goes on where it was.
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -38,6 +39,27 @@ def with_files(session: GuidedSession, cell_sha256: str, arm_sha256: str) -> Gui
         if after.finished(name):
             after = after.undone(name, f"{what} changed")
     return after
+
+
+def with_plans(session: GuidedSession) -> GuidedSession:
+    """The session as it is where a plan that is still to be driven has lost a file: it is made again."""
+    for number in ("", *(f"-{k}" for k in range(2, session.rounds + 1))):
+        made = session.finished(f"plan{number}")
+        if made and not session.finished(f"record{number}") and (lost := _lost(session.folder / made.folder)):
+            return session.undone(made.name, f"{lost} is missing")
+    return session
+
+
+def _lost(plan: Path) -> Path | None:
+    """A file that a plan needs and that is gone."""
+    table = plan / "plan.toml"
+    if not table.is_file():
+        return table
+    try:
+        motions = tomllib.loads(table.read_text(encoding="utf-8"))["motions"]
+        return next((file for m in motions if not (file := plan / f"{m['name']}.npy").is_file()), None)
+    except (OSError, ValueError, LookupError, TypeError):  # changed, and not lost: `calib record` refuses it
+        return None
 
 
 def with_options(session: GuidedSession, quick: bool, rounds: int | None) -> GuidedSession:

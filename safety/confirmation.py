@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TextIO
 
 from sim.cell import Cell
-from sim.errors import SafetyStop
+from sim.errors import AnswerIsNo, SafetyStop
 
 NOT_RATED = (
     "This is not a safety-rated function. It does not replace the emergency stop or the robot's own safety configuration. "
@@ -67,9 +67,9 @@ def require_person(cell: Cell, stream: TextIO | None) -> None:
 
 
 def check_answer(cell: Cell, answer: str) -> None:
-    """SafetyStop unless the answer is the expected one, letter for letter."""
+    """AnswerIsNo unless the answer is the expected one, letter for letter."""
     if answer.strip() != expected(cell):
-        raise SafetyStop(f"{answer.strip()!r} is not {expected(cell)!r}; nothing was moved")
+        raise AnswerIsNo(f"{answer.strip()!r} is not {expected(cell)!r}; nothing was moved")
 
 
 def check_yes(cell: Cell) -> None:

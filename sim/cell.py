@@ -13,7 +13,7 @@ from pydantic import Field, field_validator
 from sim.arm import Arm, load_arm
 from sim.arm_table import EffectTable
 from sim.assumptions import ASSUMPTIONS
-from sim.errors import ConfigError
+from sim.errors import ConfigError, UnknownCell
 from sim.files import MAX_TABLE, as_text, is_name, read_bytes, toml_table
 from sim.resources import config_folders, nearest
 from sim.strict import Finite, Label, Name, Positive, StrictTable, validated
@@ -176,7 +176,7 @@ def load_cell(reference: str | Path, configs: Path | None = None) -> Cell:
         found = [f / f"{reference}.toml" for f in config_folders(configs, "cells") if (f / f"{reference}.toml").is_file()]
         if not found:
             known = sorted({p.stem for f in config_folders(configs, "cells") for p in f.glob("*.toml")})
-            raise ConfigError(
+            raise UnknownCell(
                 f"there is no cell {str(reference)!r}; {nearest(str(reference), known)}; a cell is a name from configs/cells "
                 "or a .toml file"
             )

@@ -21,6 +21,10 @@ class UnknownArm(ConfigError):
     """No arm has the name that was given."""
 
 
+class UnknownCell(ConfigError):
+    """No cell has the name that was given."""
+
+
 class BadLog(CalibError):
     """A recording that cannot be read as what it claims to be; names file, place, value, rule and remedy."""
 

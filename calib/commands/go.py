@@ -149,12 +149,12 @@ def _run(current: GuidedSession, yes: bool, configs: Path | None) -> tuple[Guide
 
 
 def _up_to_date(current: GuidedSession, configs: Path | None) -> GuidedSession:
-    """The session with the files of its cell and arm looked at anew; written to its folder."""
+    """The session with the files of its cell, its arm and its plan looked at anew; written to its folder."""
     from calib import guided, guided_session
     from sim.cell import load_arm_of, load_cell
 
     where = load_cell(current.cell, configs)
-    after = guided.with_files(current, *guided_session.files_of(where, load_arm_of(where, configs)))
+    after = guided.with_plans(guided.with_files(current, *guided_session.files_of(where, load_arm_of(where, configs))))
     for mark in after.done[len(current.done) :]:
         console.say(f"\n{capital(mark.sentence)}: {mark.name} is done again.")
     after.write()

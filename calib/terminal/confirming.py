@@ -10,6 +10,6 @@ from sim.cell import Cell
 
 
 def confirm(cell: Cell, arm_name: str, how: str = "through large angles") -> None:
-    """SafetyStop unless the answer is yes, and a person's where an arm may stand behind the cell."""
+    """AnswerIsNo unless the answer is yes; SafetyStop where an arm may stand behind the cell and no person can answer."""
     require_person(cell, sys.stdin)
     check_answer(cell, console.ask(question(cell, arm_name, how)))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
@@ -23,7 +24,7 @@ from logs import is_log, read_log
 from logs.log import Log
 from sim.arm import Arm, load_arm
 from sim.cell import load_cell
-from sim.errors import BadLog, ConfigError, EndOfRecording
+from sim.errors import BadLog, ConfigError, EndOfRecording, UnknownCell
 from sim.finite import is_finite
 from sim.joint_state import JointState
 
@@ -74,7 +75,14 @@ def open_source(
             f"--assume {foreign[0]}: is for recordings; {reference} is read by its driver: correct the cell file or the arm; "
             f"--assume {AS_RECORDED} watches it unchecked"
         )
-    cell = load_cell(reference, configs)
+    try:
+        cell = load_cell(reference, configs)
+    except UnknownCell as error:
+        if not os.path.isdir(reference):
+            raise
+        raise ConfigError(
+            f"{reference}: this folder holds no recording; give a recording, a folder that is one, or a cell"
+        ) from error
     model = load_arm(arm or cell.table.arm, configs)
     driver = open_driver(cell, model)
     info = driver.listen()

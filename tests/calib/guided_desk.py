@@ -35,6 +35,8 @@ class Commands:
         folder.mkdir(parents=True)
         if verb == "plan":
             (folder / "plan.html").write_text("")
+            (folder / "plan.toml").write_text('[[motions]]\nname = "excitation"\n')
+            (folder / "excitation.npy").write_bytes(b"")
         if verb == "record":
             for name in ("friction", "excitation", "validation"):
                 (folder / f"{name}.mcap").write_bytes(b"")

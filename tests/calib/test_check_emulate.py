@@ -102,6 +102,6 @@ def test_the_joints_of_a_cell_with_an_arm_turn_only_after_the_typed_answer(
     with open(terminal, encoding="utf-8") as stream:
         monkeypatch.setattr(stream, "readline", lambda: "yes\n")
         monkeypatch.setattr("sys.stdin", stream)
-        assert main(["check", str(path), "--move"]) == 3
+        assert main(["check", str(path), "--move"]) == 1
     os.close(person)
     assert "nothing was moved" in capsys.readouterr().err

@@ -1,4 +1,4 @@
-"""A guided session that is interrupted with Ctrl-C, at a question or in a step, and done again."""
+"""A guided session that is interrupted: with Ctrl-C, at a question or in a step, or by a plan that has lost a file."""
 
 from __future__ import annotations
 
@@ -62,3 +62,17 @@ def test_an_interrupted_step_names_one_way_on_and_doing_the_run_again_is_that_wa
     assert f"calib go mock-ur10e --quick --yes --session {folder.resolve()}" in capsys.readouterr().out
     assert commands.verbs == ROUND[1:]
     assert session(desk).closed
+
+
+@pytest.mark.parametrize("file", ["plan.toml", "excitation.npy"])
+def test_a_plan_that_has_lost_a_file_is_made_again(
+    desk: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], file: str
+) -> None:
+    assert go(Commands([], lambda count, verb: 3 if verb == "record" else 0), monkeypatch, "--yes") == 3
+    lost = session(desk).folder / "plan" / file
+    lost.unlink()
+    commands = Commands([NOTHING])
+    assert go(commands, monkeypatch, "--yes") == 0
+    assert commands.verbs == ROUND[1:]
+    assert f"{lost.relative_to(desk)} is missing: plan is done again" in " ".join(capsys.readouterr().out.split())
+    assert commands.lines[1][2].endswith("plan-try2")

@@ -12,7 +12,7 @@ import pytest
 
 from safety.confirmation import check_answer, check_yes, expected, question, require_person, without_arm
 from sim.cell import Cell
-from sim.errors import SafetyStop
+from sim.errors import AnswerIsNo, SafetyStop
 
 
 def cell_with(cell: Cell, driver: str, **options: object) -> Cell:
@@ -80,7 +80,7 @@ def test_the_question_says_what_this_is_not(cell: Cell) -> None:
 @pytest.mark.parametrize("answer", ["yes", "y", "", "Test-cell is empty", "test-cell is empty!", "test-cell"])
 def test_any_other_answer_is_no(cell: Cell, answer: str) -> None:
     check_answer(cell, "  test-cell is empty\n")
-    with pytest.raises(SafetyStop, match="nothing was moved"):
+    with pytest.raises(AnswerIsNo, match="nothing was moved"):
         check_answer(cell, answer)
 
 

@@ -198,6 +198,11 @@ def test_a_database_that_is_none_is_refused_before_anything_is_watched(
     assert not (tmp_path / "o" / "events.jsonl").exists()
 
 
+def test_a_folder_without_a_recording_is_named_as_one(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["watch", str(tmp_path)]) == 2
+    assert "this folder holds no recording" in capsys.readouterr().err
+
+
 def test_a_mock_cell_that_nobody_moves_claims_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["watch", "mock-ur10e", "--seconds", "1", "--out", str(tmp_path / "o"), "--database", str(tmp_path / "t")]) == 0
     shown = capsys.readouterr().out
