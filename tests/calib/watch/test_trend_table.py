@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import shutil
 import sqlite3
+from collections.abc import Callable
 from contextlib import closing
 from dataclasses import astuple, replace
 from datetime import timedelta
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from calib.watch import trend_table
 from calib.watch.trend_table import RunRecord, TrendTable
 from calib.watch.trend_text import doubtful_dates
+from calib.watch.watcher import Watcher
 from calib.watch.which_arm import WatchedArm, chosen
 from sim.errors import ConfigError
 from tests.calib.watch.conftest import START, runs
@@ -29,6 +32,15 @@ def test_the_table_keeps_what_it_is_given(tmp_path: Path) -> None:
     with TrendTable(tmp_path / "t.sqlite") as table:
         assert table.arms() == [ARM]
         assert table.runs(ARM) == given
+
+
+def test_a_joint_that_has_not_moved_has_no_row(at_work: Callable[[], Watcher]) -> None:
+    watcher = at_work()
+    picture, first = watcher.picture(), watcher.arm.joint_names[0]
+    moving = np.arange(watcher.arm.n) > 0
+    stood = replace(picture, moved=picture.moved * moving, seconds=picture.seconds * moving)
+    run = RunRecord.of(watcher.arm, "log.mcap", START, stood, "digest", "recorded", "", "")
+    assert [j.joint for j in run.joints] == [joint for joint in watcher.arm.joint_names if joint != first]
 
 
 def test_a_log_that_is_watched_again_replaces_its_run(tmp_path: Path) -> None:
