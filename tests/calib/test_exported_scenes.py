@@ -4,6 +4,7 @@ import json
 
 import mujoco
 import numpy as np
+import pinocchio as pin
 import pytest
 
 import calib.mujoco
@@ -11,6 +12,7 @@ from benchmarks.exported import quiet
 from sim.arm import ArmEffect, load_arm
 from sim.effects import with_effect
 from sim.errors import ConfigError
+from sim.export import export
 from sim.exported_table import TABLE
 from sim.model import compiled
 from sim.mujoco_export import exported_model
@@ -159,3 +161,15 @@ def test_a_drive_that_gives_nothing_compiles(nominal):
     text = exported_model(with_effect(nominal, ArmEffect("torque_saturation", JOINT, {"limit": 0.0}))).text
     model = compiled(text, nominal.model_path.parent)
     assert 0 < model.actuator_forcerange[1, 1] < 1e-6
+
+
+def test_a_saturated_drive_limits_the_effort(tmp_path):
+    arm = with_effect(load_arm("ur10e"), ArmEffect("torque_saturation", "elbow_joint", {"limit": 60.0}))
+    export(arm, tmp_path, ["urdf", "isaaclab"])
+    text = (tmp_path / "ur10e.urdf").read_text()
+    assert pin.buildModelFromXML(text).effortLimit[2] == 60.0
+    assert "torque_saturation" not in text
+    given = json.loads((tmp_path / "ur10e_isaaclab.json").read_text())
+    assert given["actuator"]["effort_limit_sim"]["elbow_joint"] == 60.0
+    assert given["actuator"]["effort_limit_sim"]["wrist_1_joint"] == arm.tau_max[3]
+    assert all(row["effect"] != "torque_saturation" for row in given["left_out"])

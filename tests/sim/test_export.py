@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from sim.arm import ArmEffect, load_arm
 from sim.arm_folder import write_arm
-from sim.effects import effect_named, with_effect
+from sim.effects import effect_named
 from sim.errors import ConfigError
 from sim.export import export, parameter_table
 from sim.feedforward import friction_table
@@ -240,15 +240,3 @@ def test_the_urdf_holds_rotors_and_the_interfaces_of_ros2_control(tmp_path):
     control = root.find("ros2_control")
     assert [j.get("name") for j in control.findall("joint")] == list(arm.joint_names)
     assert control.findtext("hardware/plugin") == "mock_components/GenericSystem"
-
-
-def test_a_saturated_drive_limits_the_effort(tmp_path):
-    arm = with_effect(load_arm("ur10e"), ArmEffect("torque_saturation", "elbow_joint", {"limit": 60.0}))
-    export(arm, tmp_path, ["urdf", "isaaclab"])
-    text = (tmp_path / "ur10e.urdf").read_text()
-    assert pin.buildModelFromXML(text).effortLimit[2] == 60.0
-    assert "torque_saturation" not in text
-    given = json.loads((tmp_path / "ur10e_isaaclab.json").read_text())
-    assert given["actuator"]["effort_limit_sim"]["elbow_joint"] == 60.0
-    assert given["actuator"]["effort_limit_sim"]["wrist_1_joint"] == arm.tau_max[3]
-    assert all(row["effect"] != "torque_saturation" for row in given["left_out"])
