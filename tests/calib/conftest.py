@@ -7,8 +7,10 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
+import mujoco
 import pytest
 
+from benchmarks.exported import quiet
 from benchmarks.known_truth import fourier_motion, recorded, varied
 from safety import realtime
 from sim.arm import Arm, load_arm
@@ -37,3 +39,15 @@ def desk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "stdin", io.StringIO(""))
     return tmp_path
+
+
+@pytest.fixture
+def no_callback_left() -> Iterator[None]:
+    """MuJoCo's passive-force callback is one for the process, and other tests compile models."""
+    yield
+    mujoco.set_mjcb_passive(None)
+
+
+@pytest.fixture(scope="session")
+def quiet_ur10e() -> Arm:
+    return quiet(load_arm("ur10e"))

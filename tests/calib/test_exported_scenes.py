@@ -8,7 +8,6 @@ import pinocchio as pin
 import pytest
 
 import calib.mujoco
-from benchmarks.exported import quiet
 from sim.arm import ArmEffect, load_arm
 from sim.effects import with_effect
 from sim.errors import ConfigError
@@ -20,15 +19,7 @@ from sim.mujoco_export import exported_model
 JOINT = "shoulder_lift_joint"
 
 
-@pytest.fixture(autouse=True)
-def no_callback_left():
-    yield
-    mujoco.set_mjcb_passive(None)
-
-
-@pytest.fixture(scope="module")
-def nominal():
-    return quiet(load_arm("ur10e"))
+pytestmark = pytest.mark.usefixtures("no_callback_left")
 
 
 def table_with(text: str, key: str, value: object) -> str:
@@ -59,8 +50,8 @@ def table_with(text: str, key: str, value: object) -> str:
         ("effects.0.parameters", {"coulomb": "5"}, "valid number"),
     ],
 )
-def test_a_table_that_cannot_be_is_refused_as_it_is_loaded(tmp_path, nominal, key, value, message):
-    arm = with_effect(nominal, ArmEffect("presliding_friction", "elbow_joint", {"stiffness": 3000.0}))
+def test_a_table_that_cannot_be_is_refused_as_it_is_loaded(tmp_path, quiet_ur10e, key, value, message):
+    arm = with_effect(quiet_ur10e, ArmEffect("presliding_friction", "elbow_joint", {"stiffness": 3000.0}))
     assert arm.effects[0].effect == "coulomb_friction"
     (tmp_path / "other.xml").write_text(table_with(exported_model(arm).text, key, value))
     with pytest.raises(ConfigError, match="export the arm again") as error:
@@ -68,14 +59,14 @@ def test_a_table_that_cannot_be_is_refused_as_it_is_loaded(tmp_path, nominal, ke
     assert message in str(error.value)
 
 
-def test_a_joint_stands_under_a_load_below_its_dry_friction(nominal):
+def test_a_joint_stands_under_a_load_below_its_dry_friction(quiet_ur10e):
     """On bristles without damping it vibrates at 3 to 11 mrad/s and creeps by 1 mrad/s."""
     for name, dose in (
         ("stribeck_friction", {"stiction_excess": 4.0, "stribeck_velocity": 0.05}),
         ("load_dependent_friction", {"coefficient": 0.1}),
         ("thermal_friction", {"relative_drop": 0.4, "time_constant": 20.0}),
     ):
-        arm = with_effect(nominal, ArmEffect(name, "elbow_joint", dose))
+        arm = with_effect(quiet_ur10e, ArmEffect(name, "elbow_joint", dose))
         with calib.mujoco.paused():
             model = compiled(exported_model(arm).text, arm.model_path.parent)
         calib.mujoco.install()
@@ -104,9 +95,9 @@ def scene_of(text: str, *prefixes: str) -> mujoco.MjModel:
         return scene.compile()
 
 
-def test_each_arm_of_a_scene_has_its_effects(nominal):
+def test_each_arm_of_a_scene_has_its_effects(quiet_ur10e):
     warm = ArmEffect("thermal_friction", "elbow_joint", {"relative_drop": 0.5, "time_constant": 5.0})
-    text = exported_model(with_effect(with_effect(nominal, warm), ArmEffect("torque_gain", JOINT, {"gain": 1.2}))).text
+    text = exported_model(with_effect(with_effect(quiet_ur10e, warm), ArmEffect("torque_gain", JOINT, {"gain": 1.2}))).text
     model = scene_of(text, "left/", "right_")
     calib.mujoco.install()
     data = mujoco.MjData(model)
@@ -117,20 +108,20 @@ def test_each_arm_of_a_scene_has_its_effects(nominal):
     np.testing.assert_allclose(calib.mujoco.read(model, data, "right_").tau, [28, 38.4, 36, 40, 44, 48])
     for prefix in ("left/", "right_"):
         dry = model.actuator(f"{prefix}calib_dry_friction_elbow_joint")
-        assert dry.biasprm[3] == pytest.approx(0.5 * nominal.tree.frictionloss[2])
+        assert dry.biasprm[3] == pytest.approx(0.5 * quiet_ur10e.tree.frictionloss[2])
     for other in (None, "middle/"):
         with pytest.raises(ConfigError, match=r"left/.*right_"):
             calib.mujoco.read(model, data, other)
 
 
-def test_models_that_differ_in_names_alone_are_kept_apart(nominal):
+def test_models_that_differ_in_names_alone_are_kept_apart(quiet_ur10e):
     push = ArmEffect(
         "external_contact", None, {"start": 0.0, "duration": 2.0, "force_x": 0.0, "force_y": 400.0, "force_z": 0.0}
     )
-    text = exported_model(with_effect(nominal, push)).text
+    text = exported_model(with_effect(quiet_ur10e, push)).text
     models = [scene_of(text, prefix) for prefix in ("r1_", "r2_")]
-    renamed = compiled(text.replace(f'"{TABLE}"', '"effects_of_calib"'), nominal.model_path.parent)
-    ours = compiled(text, nominal.model_path.parent)
+    renamed = compiled(text.replace(f'"{TABLE}"', '"effects_of_calib"'), quiet_ur10e.model_path.parent)
+    ours = compiled(text, quiet_ur10e.model_path.parent)
     calib.mujoco.install()
     speeds = []
     for model in (*models, renamed, ours):
@@ -142,9 +133,9 @@ def test_models_that_differ_in_names_alone_are_kept_apart(nominal):
     assert calib.mujoco.read(ours, mujoco.MjData(ours)).q.shape == (6,)
 
 
-def test_a_delay_is_kept_at_a_shorter_step(nominal):
-    text = exported_model(with_effect(nominal, ArmEffect("time_delay", None, {"delay": 0.006}))).text
-    model = compiled(text, nominal.model_path.parent)
+def test_a_delay_is_kept_at_a_shorter_step(quiet_ur10e):
+    text = exported_model(with_effect(quiet_ur10e, ArmEffect("time_delay", None, {"delay": 0.006}))).text
+    model = compiled(text, quiet_ur10e.model_path.parent)
     for step in (1e-3, 2.5e-4):
         model.opt.timestep = step
         data = mujoco.MjData(model)
@@ -157,9 +148,9 @@ def test_a_delay_is_kept_at_a_shorter_step(nominal):
         calib.mujoco.read(model, mujoco.MjData(model))
 
 
-def test_a_drive_that_gives_nothing_compiles(nominal):
-    text = exported_model(with_effect(nominal, ArmEffect("torque_saturation", JOINT, {"limit": 0.0}))).text
-    model = compiled(text, nominal.model_path.parent)
+def test_a_drive_that_gives_nothing_compiles(quiet_ur10e):
+    text = exported_model(with_effect(quiet_ur10e, ArmEffect("torque_saturation", JOINT, {"limit": 0.0}))).text
+    model = compiled(text, quiet_ur10e.model_path.parent)
     assert 0 < model.actuator_forcerange[1, 1] < 1e-6
 
 

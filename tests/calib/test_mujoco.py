@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import calib.mujoco
-from benchmarks.exported import DOSES, ExportedPlant, Run, difference, doses, quiet, ran
+from benchmarks.exported import DOSES, ExportedPlant, Run, difference, doses, ran
 from sim.arm import ArmEffect, load_arm
 from sim.arm_folder import write_arm
 from sim.effects import EFFECTS, with_effect
@@ -25,20 +25,12 @@ CASES = list(doses())
 SECONDS = 2.5  # of the benchmark's five, in which each dose has been at work; of those that show at reversals all five
 
 
-@pytest.fixture(autouse=True)
-def no_callback_left():
-    yield
-    mujoco.set_mjcb_passive(None)
+pytestmark = pytest.mark.usefixtures("no_callback_left")
 
 
 @pytest.fixture(scope="module")
-def nominal():
-    return quiet(load_arm("ur10e"))
-
-
-@pytest.fixture(scope="module")
-def without(nominal) -> Run:
-    found = ran(ExportedPlant(nominal, nominal))
+def without(quiet_ur10e) -> Run:
+    found = ran(ExportedPlant(quiet_ur10e, quiet_ur10e))
     mujoco.set_mjcb_passive(None)
     return found
 
@@ -48,12 +40,12 @@ def item_of(effect, dose):
 
 
 @pytest.mark.parametrize(("effect", "dose"), CASES, ids=[e.name for e, _ in CASES])
-def test_the_exported_arm_moves_as_the_plant_does(effect, dose, nominal, without):
+def test_the_exported_arm_moves_as_the_plant_does(effect, dose, quiet_ur10e, without):
     """Under one drive: motion within 1 % of it, torque within 0.5 % but in reversals; far nearer than the arm without the effect."""
-    truth = with_effect(nominal, item_of(effect, dose))
+    truth = with_effect(quiet_ur10e, item_of(effect, dose))
     seconds = 2 * SECONDS if effect.name in REVERSALS else SECONDS
-    real = ran(Plant(truth, nominal), seconds)
-    motion, torque = difference(real, ran(ExportedPlant(truth, nominal), seconds))
+    real = ran(Plant(truth, quiet_ur10e), seconds)
+    motion, torque = difference(real, ran(ExportedPlant(truth, quiet_ur10e), seconds))
     _, torque_without = difference(real, Run(*(x[: len(real.q)] for x in (without.q, without.reading, without.tau))))
     assert motion < 1e-2
     assert torque < (6e-2 if effect.name in REVERSALS else 5e-3)
@@ -61,12 +53,12 @@ def test_the_exported_arm_moves_as_the_plant_does(effect, dose, nominal, without
     assert torque_without > 1e-2
 
 
-def test_every_effect_has_a_form_and_a_dose(nominal):
+def test_every_effect_has_a_form_and_a_dose(quiet_ur10e):
     assert {e.name for e in EFFECTS} <= set(DOSES)
     forms = {}
     for effect, dose in doses():
         item = item_of(effect, dose)
-        table = exported_model(with_effect(nominal, item)).table
+        table = exported_model(with_effect(quiet_ur10e, item)).table
         mine = [r["form"] for r in table["effects"] if (r["effect"], r["joint"]) == (item.effect, item.joint)]
         forms.setdefault(mine[0] if mine else "bodies", set()).add(effect.name)
     assert forms["callback"] == {
@@ -76,8 +68,8 @@ def test_every_effect_has_a_form_and_a_dose(nominal):
     assert forms["bodies"] == {"payload", "link_inertia", "base_tilt"}
 
 
-def test_ctrl_stays_as_long_as_the_arm_has_motors(nominal):
-    arm = nominal
+def test_ctrl_stays_as_long_as_the_arm_has_motors(quiet_ur10e):
+    arm = quiet_ur10e
     for effect, dose in doses():
         arm = with_effect(arm, item_of(effect, dose))
     model = compiled(exported_model(arm).text, arm.model_path.parent)
@@ -87,10 +79,10 @@ def test_ctrl_stays_as_long_as_the_arm_has_motors(nominal):
     assert [model.joint(model.actuator_trnid[k, 0]).name for k in range(model.nu)] == list(arm.joint_names)
 
 
-def test_an_exported_file_loads_and_reads(tmp_path, nominal):
+def test_an_exported_file_loads_and_reads(tmp_path, quiet_ur10e):
     gain = ArmEffect("torque_gain", JOINT, {"gain": 1.2})
     thermal = ArmEffect("thermal_friction", "elbow_joint", {"relative_drop": 0.5, "time_constant": 5.0})
-    arm = write_arm(tmp_path / "arm", nominal, effects=[gain, thermal])
+    arm = write_arm(tmp_path / "arm", quiet_ur10e, effects=[gain, thermal])
     files = export(arm, tmp_path / "out", ["mjcf"])
     table = json.loads(files[-1].read_text())
     assert {r["effect"]: r["form"] for r in table["effects"]} | {"torque_gain": "sensor", "thermal_friction": "callback"} == {
@@ -107,7 +99,7 @@ def test_an_exported_file_loads_and_reads(tmp_path, nominal):
     assert dry.biasprm[3] == pytest.approx(0.5 * arm.tree.frictionloss[2])
 
 
-def test_other_models_and_callbacks_are_left_alone(nominal):
+def test_other_models_and_callbacks_are_left_alone(quiet_ur10e):
     plain = mujoco.MjModel.from_xml_string(
         '<mujoco><worldbody><body><joint name="j"/><geom size="0.1"/></body></worldbody></mujoco>'
     )
@@ -120,14 +112,14 @@ def test_other_models_and_callbacks_are_left_alone(nominal):
     assert np.all(data.qfrc_passive == 0)
     with pytest.raises(ConfigError, match="calib_effects"):
         calib.mujoco.read(plain, data)
-    assert compiled("<mujoco/>", nominal.model_path.parent).nv == 0  # in spite of the callback
+    assert compiled("<mujoco/>", quiet_ur10e.model_path.parent).nv == 0  # in spite of the callback
 
 
-def test_a_model_that_export_did_not_write_is_refused(tmp_path, nominal):
+def test_a_model_that_export_did_not_write_is_refused(tmp_path, quiet_ur10e):
     (tmp_path / "plain.xml").write_text("<mujoco/>")
     with pytest.raises(ConfigError, match="calib export"):
         calib.mujoco.load(tmp_path / "plain.xml")
-    text = exported_model(nominal).text
+    text = exported_model(quiet_ur10e).text
     for old, new in (("effects/2", "effects/9"), ("coulomb_friction", "coulomb_fiction"), ("17.0", "1e999")):
         (tmp_path / "broken.xml").write_text(text.replace(f"{old}", new))
         with pytest.raises(ConfigError):
@@ -135,9 +127,9 @@ def test_a_model_that_export_did_not_write_is_refused(tmp_path, nominal):
     assert TABLE in text
 
 
-def test_a_soft_joint_collides_with_nothing_new(nominal):
+def test_a_soft_joint_collides_with_nothing_new(quiet_ur10e):
     """The rotor's body stands between a link and what carries it; MuJoCo must not take their contact for real."""
-    soft = with_effect(nominal, ArmEffect("joint_elasticity", "elbow_joint", {"stiffness": 5000.0}))
+    soft = with_effect(quiet_ur10e, ArmEffect("joint_elasticity", "elbow_joint", {"stiffness": 5000.0}))
     q = np.array([0.2, -1.6, 1.0, -1.3, -1.2, 0.3])
 
     def contacts(arm):
@@ -148,7 +140,7 @@ def test_a_soft_joint_collides_with_nothing_new(nominal):
         mujoco.mj_forward(model, data)
         return data.ncon
 
-    assert contacts(soft) == contacts(nominal)
+    assert contacts(soft) == contacts(quiet_ur10e)
 
 
 def test_a_gap_is_in_radians_whatever_the_models_unit(tmp_path):
