@@ -10,10 +10,11 @@ import can
 
 from drivers.can_servo.cubemars import CubeMars
 from drivers.can_servo.damiao import Damiao
-from drivers.can_servo.drive import Drive, Identity, NoAnswer, Senders
+from drivers.can_servo.drive import Drive, Identity, NoAnswer
 from drivers.can_servo.link import Link
 from drivers.can_servo.odrive import ODrive
 from drivers.can_servo.robstride import RobStride
+from drivers.can_servo.senders import Senders
 from sim.can_wiring import CanOptions
 from sim.clock import Clock
 from sim.errors import DeviceError

@@ -18,10 +18,6 @@ class CubeMars(Drive):
     question_switches_off = True
 
     @property
-    def looking_switches_off(self) -> bool:
-        return True
-
-    @property
     def key(self) -> Hashable:
         return self.servo.feedback, self.servo.node & 0xFF
 
@@ -41,7 +37,7 @@ class CubeMars(Drive):
         return data_frame(self.servo.node, data), self.joint_side(self.q_field.value(raw_q))
 
     def refresh(self) -> list[can.Message]:
-        return [self.disable()]
+        return [self.ask_by_off()]
 
     def decode(self, message: can.Message, now: float = math.nan) -> DriveReading | None:
         data, sign = bytes(message.data), self.direction
@@ -54,7 +50,7 @@ class CubeMars(Drive):
         )  # fmt: skip
 
     def identify(self, ask: Ask) -> Identity:
-        ask(self.disable(), self._reply, f"{self.name}: first answer")
+        ask(self.ask_by_off(), self._reply, f"{self.name}: first answer")
         return Identity("", "unknown", math.nan, self.stated_ranges())
 
     @staticmethod

@@ -34,10 +34,6 @@ class Damiao(Drive):
     answers_refresh = True
 
     @property
-    def looking_switches_off(self) -> bool:
-        return not self.answers_refresh
-
-    @property
     def key(self) -> Hashable:
         return self.servo.feedback, self.servo.node & 0xF
 
@@ -61,7 +57,7 @@ class Damiao(Drive):
 
     def refresh(self) -> list[can.Message]:
         if not self.answers_refresh:
-            return [self.disable()]  # answered like any order, and off is what the drive is
+            return [self.ask_by_off()]  # answered like any order, and off is what the drive is
         return [self._frame(REGISTERS, frames.register(self.servo.node, REFRESH, 0))]
 
     def decode(self, message: can.Message, now: float = math.nan) -> DriveReading | None:
@@ -171,7 +167,7 @@ class Damiao(Drive):
     def _without_registers(self, ask: Ask) -> Identity:
         """A firmware that knows no registers: it is there, and reports nothing of itself."""
         self.answers_refresh = False
-        ask(self.disable(), lambda m: self.key_of(m) == self.key or None, f"{self.name}: registers and first order")
+        ask(self.ask_by_off(), lambda m: self.key_of(m) == self.key or None, f"{self.name}: registers and first order")
         ranges = self.stated_ranges()
         self.set_ranges(ranges)
         return Identity("", "unknown", math.nan, ranges)

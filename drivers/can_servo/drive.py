@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Callable, Hashable
 from dataclasses import dataclass
 from typing import TypeVar
 
@@ -80,12 +80,7 @@ class Drive(ABC):
     extended = False
     pushes = False
     question_switches_off = False
-
-    @property
-    def looking_switches_off(self) -> bool:
-        """Whether `identify` and `refresh` ask with the order off, as nothing else of it is answered."""
-        return False
-
+    may_ask_by_off = True  # False while torque off would drop the arm
     hand_turn = 0.15
     cycle: tuple[tuple[bool, int], ...] = ((False, 8), (False, 8))
     beats = 0.0
@@ -200,6 +195,14 @@ class Drive(ABC):
     def disable(self) -> can.Message:
         """Torque off."""
 
+    def ask_by_off(self) -> can.Message:
+        """`disable` as a question to a drive that answers nothing else; DeviceError unless `may_ask_by_off`."""
+        if not self.may_ask_by_off:
+            raise DeviceError(
+                f"{self.name}: it answers only the order off, if any, which drops an arm without brakes; support the arm, then add --supported"
+            )
+        return self.disable()
+
     @abstractmethod
     def clear(self) -> can.Message:
         """Clear a latched error; the drive stays off."""
@@ -226,22 +229,6 @@ def answer_or_none(ask: Callable[[], T]) -> T | None:
     try:
         return ask()
     except NoAnswer:
-        return None
-
-
-class Senders:
-    """Which drive of an arm sent a frame; drives of several protocols may share a bus."""
-
-    def __init__(self, drives: Sequence[Drive]) -> None:
-        self._kinds = list(dict.fromkeys(type(d) for d in drives))
-        self._joints: dict[tuple[type[Drive], Hashable], int] = {(type(d), d.key): j for j, d in enumerate(drives)}
-
-    def __call__(self, message: can.Message) -> int | None:
-        """The joint's index; None for a frame that no drive of this arm sends."""
-        for kind in self._kinds:
-            key = kind.key_of(message)
-            if key is not None and (j := self._joints.get((kind, key))) is not None:
-                return j
         return None
 
 

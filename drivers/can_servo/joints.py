@@ -9,8 +9,9 @@ from collections.abc import Iterable, Sequence
 import can
 import numpy as np
 
-from drivers.can_servo.drive import BEATS_MAX, Drive, DriveReading, Senders
+from drivers.can_servo.drive import BEATS_MAX, Drive, DriveReading
 from drivers.can_servo.link import Link
+from drivers.can_servo.senders import Senders
 from sim.clock import Clock
 from sim.errors import DeviceError
 

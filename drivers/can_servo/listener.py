@@ -7,9 +7,10 @@ from collections.abc import Sequence
 import can
 import numpy as np
 
-from drivers.can_servo.drive import Drive, DriveReading, Senders
+from drivers.can_servo.drive import Drive, DriveReading
 from drivers.can_servo.link import Link
 from drivers.can_servo.opening import SHARED
+from drivers.can_servo.senders import Senders
 from drivers.can_servo.speed import Speeds
 from sim.can_wiring import CanOptions
 from sim.clock import Clock

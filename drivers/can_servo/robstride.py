@@ -28,11 +28,6 @@ class RobStride(Drive):
 
     protocol = "robstride"
     extended = True
-
-    @property
-    def looking_switches_off(self) -> bool:
-        return True
-
     cycle = ((True, 8), (True, 8))
 
     @property
@@ -61,7 +56,7 @@ class RobStride(Drive):
         return message, self.joint_side(self.q_field.value(raw_q))
 
     def refresh(self) -> list[can.Message]:
-        return [self.disable()]
+        return [self.ask_by_off()]
 
     def decode(self, message: can.Message, now: float = math.nan) -> DriveReading | None:
         identifier, sign = message.arbitration_id, self.direction
@@ -135,7 +130,7 @@ class RobStride(Drive):
 
     def _check_position_range(self, ask: Ask) -> None:
         """The float of parameter mechPos must be what the scaled field says, or the stated range is another model's."""
-        scaled = ask(self.disable(), self._feedback, f"{self.name}: state")
+        scaled = ask(self.ask_by_off(), self._feedback, f"{self.name}: state")
         assert isinstance(scaled, DriveReading)
         stated = self.joint_side(frames.as_float(self._read(ask, POSITION)))
         if not math.isclose(scaled.q, stated, abs_tol=0.01 + 0.002 * abs(stated)):

@@ -76,7 +76,9 @@ def scan(link: Link, clock: Clock, options: CanOptions, supported: bool = False)
         if ("odrive", node) not in seen
     ]
     enquiry = Enquiry(link, clock, patience=0.05, tries=2)
-    found = [_described(enquiry, protocol, node, answers, options) for (protocol, node), answers in sorted(seen.items())]
+    found = [
+        _described(enquiry, protocol, node, answers, options, supported) for (protocol, node), answers in sorted(seen.items())
+    ]
     serials = Counter(f.described.serial for f in found if f.described.serial)
     notes += [f"{n} drives report the serial number {s}: it tells nothing apart" for s, n in serials.items() if n > 1]
     if link.error_frames:
@@ -122,11 +124,14 @@ def _answers(link: Link, end: float, kind: type[Drive], nodes: Sequence[int]) ->
             yield answer[0], message
 
 
-def _described(enquiry: Enquiry, protocol: str, node: int, answers: list[can.Message], options: CanOptions) -> Found:
+def _described(
+    enquiry: Enquiry, protocol: str, node: int, answers: list[can.Message], options: CanOptions, supported: bool
+) -> Found:
     kind = PROTOCOLS[protocol]
     (_, feedback), fd = kind.answering(answers[0]) or (node, 0), answers[0].is_fd
     servo = ServoTable(joint=f"{protocol} node {node}", node=node, feedback=min(feedback, 0x7FF), fd=fd)
     drive = kind(servo, options)
+    drive.may_ask_by_off = supported
     if len(answers) > 1:
         described = SelfDescription(
             problems=(

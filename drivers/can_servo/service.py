@@ -66,10 +66,7 @@ class Service:
         supported as `do` has it.
         """
         drive = self._drive(joint)
-        if drive.looking_switches_off and not (self.options.brakes or supported):
-            raise DeviceError(
-                f"{drive.name}: it answers only the order off, which drops an arm without brakes; support the arm, then add --supported"
-            )
+        drive.may_ask_by_off = self.options.brakes or supported
         identity = drive.identify(self._enquiry.ask)
         wanted = drive.servo.serial
         problem = ""

@@ -186,6 +186,19 @@ def test_two_joints_together_are_not_taken_for_one(bench, scanned):
         hands.turned()
 
 
+def test_hands_need_support_where_only_the_order_off_says_where_a_drive_stands(bench, scanned):
+    b = bench()
+    b.bus.servos[2].answers_refresh = False
+    b.bus.servos[2].switch(True)
+    result, link = scanned(b)
+    with pytest.raises(DeviceError, match=r"damiao node 3.*answers only the order off.*--supported"):
+        ByHand([f.drive for f in result.found], link, b.clock).look()
+    assert b.bus.servos[2].on
+    result, link = scanned(b, supported=True)
+    assert np.isfinite(ByHand([f.drive for f in result.found], link, b.clock).look()).all()
+    assert not b.bus.servos[2].on
+
+
 def test_nobody_turns_anything(bench, scanned):
     b = bench()
     result, link = scanned(b)

@@ -6,6 +6,7 @@ import pytest
 
 from drivers.can_servo.link import Link
 from drivers.can_servo.service import Service
+from sim.can_wiring import RangeTable
 from sim.emulated.can.stepped import SteppedBus
 from sim.errors import DeviceError
 
@@ -42,6 +43,27 @@ def test_torque_off_needs_a_supported_arm(service):
             shop.do("elbow_joint", "off")
         assert b.bus.servos[2].on
         assert shop.do("elbow_joint", "off", supported=True).on is False
+
+
+@pytest.mark.parametrize("registers", [True, False])
+def test_an_old_firmware_that_holds_the_arm_is_not_switched_off_by_a_look(service, registers):
+    b, shop = service
+    shop.options = with_ranges(b)
+    for servo in b.bus.servos:
+        servo.answers_refresh, servo.answers_registers = False, registers
+        servo.switch(True)
+    with shop:
+        for ask in (lambda: shop.look("elbow_joint"), lambda: shop.do("elbow_joint", "zero"), lambda: shop.look("elbow_joint")):
+            with pytest.raises(DeviceError, match=r"answers only the order off.*drops an arm without brakes; .*--supported"):
+                ask()
+        assert all(servo.on for servo in b.bus.servos)
+        assert shop.look("elbow_joint", supported=True).reading.on is False
+
+
+def with_ranges(b):
+    known = [RangeTable(q=s.registers[21], dq=s.registers[22], tau=s.registers[23]) for s in b.bus.servos]
+    servos = [s.model_copy(update={"ranges": r}) for s, r in zip(b.driver.options.servos, known, strict=True)]
+    return b.driver.options.model_copy(update={"servos": servos})
 
 
 def test_a_zero_is_set_on_a_joint_that_is_off_and_still(service):
