@@ -132,7 +132,10 @@ def report() -> list[str]:
     lines = []
     for name, results in read().items():
         old = results.outdated()
-        state = f"OUTDATED, changed since: {', '.join(old)}" if old else "up to date"
+        state = "up to date"
+        if old:
+            how = "up to date but for the wording of messages" if results.reworded() else "OUTDATED"
+            state = f"{how}, changed since: {', '.join(old)}"
         lines.append(f"{name:16} {results.date}  {results.commit}  {len(results.rows):3} rows  {state}")
     return lines
 

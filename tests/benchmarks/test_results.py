@@ -55,6 +55,45 @@ def test_words_about_code_outdate_nothing() -> None:
     assert results.code(b"def (\n") == b"def (\n"
 
 
+REFUSAL = b'''def f(x, y):
+    """Why."""
+    raise ValueError(f"{y!r} of {x} is none that is known" + "no" + "left, right or both of them")
+'''
+
+
+def test_wording_is_docstrings_and_messages_alone() -> None:
+    better = REFUSAL.replace(b"{y!r} of {x} is none that is known", b"{x}: unknown value {y!r} of it").replace(
+        b"Why.", b"What."
+    )
+    assert results.code(better) != results.code(REFUSAL)
+    assert results.structure(better) == results.structure(REFUSAL)
+    assert results.structure(REFUSAL.replace(b"left, right", b"left or right")) == results.structure(REFUSAL)
+    for old, new in (
+        (b"!r", b""),
+        (b'"no"', b'"yes"'),
+        (b"{x}", b"{x + 1}"),
+        (b"ValueError", b"KeyError"),
+        (b"known", b"known\\n"),
+    ):
+        assert results.structure(REFUSAL.replace(old, new)) != results.structure(REFUSAL)
+    with pytest.raises(ValueError, match="invalid syntax"):
+        results.structure(b"def (\n")
+
+
+def test_a_change_of_wording_is_reported_as_such(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = results.Results("demo", "make demo", "", "", False, {}, {"benchmarks/results.py": "0"}, (ROW,))
+    now = (results.ROOT / "benchmarks" / "results.py").read_bytes()
+    monkeypatch.setattr(results.Results, "changed", lambda self, path: [path])
+    monkeypatch.setattr(
+        results.Results, "then", lambda self, file: now.replace(b"needs `what` as text", b"give `what` as text")
+    )
+    assert found.reworded()
+    monkeypatch.setattr(results.Results, "then", lambda self, file: now.replace(b"SHOWN = 3", b"SHOWN = 4"))
+    assert not found.reworded()
+    monkeypatch.setattr(results.Results, "changed", lambda self, path: [])
+    assert not found.reworded()
+
+
 def test_a_row_holds_no_folder_of_one_run(tmp_path: Path) -> None:
     place = Path(tempfile.gettempdir()) / "calib-a1b2" / "plant" / "8.mcap"
     results.write("demo", [ROW | {"note": f"convert {place}"}], command="make demo", measures=("benchmarks",), folder=tmp_path)
