@@ -1,4 +1,4 @@
-"""How sure each name is: what its absence costs, who could stand in its place, and whether a log that was kept apart agrees."""
+"""Evidence for each accepted effect: what it brings, which effects fit as well in its place, whether held-out logs agree."""
 
 from __future__ import annotations
 
@@ -21,44 +21,47 @@ from calib.regression.robust import huber
 from sim.arm import ArmEffect
 from sim.effects import effect_named
 
-# Fall of -2 log likelihood beyond its price, on all recordings, below which a name is none. Names that bring 8 to 16: one right and one wrong on
-# 308 cases of the exam (seeds 26112941 to ...971), another wrong one in seed 26113001. A push on the arm is in one recording, and no held-out
-# one can add to it.
+# Least fall of -2 log likelihood beyond the price, over all recordings, for an effect to be named. On 308 exam cases (seeds
+# 26112941 to ...971) the names that bring 8 to 16 were one right and one wrong; seed 26113001 adds another wrong one. A push on
+# the arm is in one recording, and no held-out recording can add evidence for it.
 LEAST, LEAST_EVENT = 16.0, 8.0
-# The same of friction and reflected inertia, whose spread is stated: how far it is off counts by itself. The clean cases of three exams bring it to
-# 3.7 deviations at most, below its price, one of a fourth to 2 above it and 11 more on its held-out recording (seed 26112841); right names begin
-# 7 above it. So the recordings that were fitted must bring it by themselves.
+# The same for friction and reflected inertia. Their spread is stated, so the size of a deviation is evidence in itself. Clean
+# cases of three exams reach 3.7 deviations at most, below the price. One of a fourth exam is 2 above it, and 11 more with its
+# held-out recording (seed 26112841); right names begin at 7 above it. So the fitted recordings must bring this by themselves.
 LEAST_STATED, STATED = 6.0, frozenset(effect for effect, _, _ in POSITIVE)
-# Two names whose fits differ by less than this in -2 log likelihood (odds of about 50) cannot be distinguished; nor, where one of them is friction
-# at the joint of the other, by less than this share of what the name brings: at reversals every model of friction errs by about that much. A
-# constant offset against a friction that differs between directions (exam seeds 26112811, 26112821, 26112901): the wrong one ahead by up to 13.
+# Two effects are indistinguishable if their fits differ by less than APART in -2 log likelihood (odds of about 50). If one of
+# them is friction at the other's joint, the limit is APART_FRICTION or APART_SHARE of what the effect brings: every friction
+# model errs by about that share at reversals. For a constant offset against direction-dependent friction the wrong one led by
+# up to 13 (exam seeds 26112811, 26112821, 26112901).
 APART, APART_FRICTION, APART_SHARE, FRICTION = 8.0, 16.0, 0.02, "friction"
 MOST_RIVALS = 2
-# Share of a name's own promise at which another candidate is fitted in its place; strong evidence tells more of them apart.
+# A candidate is fitted in an effect's place if its linear gain is at least this share of the effect's own. Strong evidence
+# distinguishes more of them.
 PROMISE, PROMISE_STRONG, STRONG = 0.8, 0.95, 300.0
-SURER = 8.0  # -2 log likelihood beyond the price by which the odds of a name grow e times
+SURER = 8.0  # gain beyond the price, in -2 log likelihood, that multiplies the odds of a name by e
 NOTHING = 2.0  # standard deviations
 CHANCE = 0.01
-# On the exam (benchmarks/exam) 0.9 and more where a transmission couples two joints, 0.15 where drag of one joint had been taken for it.
+# Exam (benchmarks/exam): at least 0.9 where a transmission couples two joints, 0.15 where it was drag at one joint.
 SHOWN = 0.4
-# Share of a stronger effect at the same joint, where others would do as well, and where none would. Second effects of 168 answers of the exam (80 of mixed code): wrong
-# ones 0.06 and 0.06 with rivals, 0.02 without; right ones from 0.09. On the real UR10e, where held-out recordings keep them, from 0.07.
+# Least share of the gain of a stronger effect at the same joint, with rivals and without. Second effects of 168 exam answers
+# (80 of mixed code): wrong ones 0.06 and 0.06 with rivals, 0.02 without; right ones from 0.09. On the real UR10e, where
+# held-out recordings keep them, from 0.07.
 SECOND, SECOND_ALONE = 0.1, 0.04
 
 
 @dataclass(frozen=True)
 class Assessed:
-    """One accepted effect.
+    """One accepted effect with its evidence.
 
-    lost      rise of -2 log likelihood when it is left out and everything else refitted, without that of joints where another effect decides
+    lost      rise of -2 log likelihood if it is left out and all else is refitted, except at joints where another effect decides
     rivals    effects that explain the recordings as well in its place, best first
-    held_out  fall of -2 log likelihood that it brings on the logs kept apart, with nothing fitted there; 0 without such logs
-    worse     relative rise of the RMS torque error of the joints it concerns, on the logs kept apart, without those of another effect as in `lost`
-    nothing   whether every size of it is within NOTHING standard deviations of none
-    first     `lost` of the strongest other effect without an exact law at its joint, or at the one that it is driven through; 0 without one
+    held_out  fall of -2 log likelihood on held-out logs, with nothing fitted there; 0 without such logs
+    worse     relative rise of the RMS torque error of its joints on held-out logs, with the same exception as `lost`
+    nothing   whether every parameter with a zero is within NOTHING standard deviations of it
+    first     gain of the strongest other inexact effect at its joint or at the joint it is driven through; 0 without one
     one_sided whether only one of the two joints that it must act on shows it
-    imitator  what is no effect of the catalogue and explains the recordings better in its place, by how much; None where nothing does
-    seen      evidence of another channel than the torque, in any recording: the following error
+    imitator  cause outside the catalogue that explains the recordings better in its place, and by how much; None without one
+    seen      evidence from another channel than the torque, in any recording: the following error
     rest      the fit without it
     """
 
@@ -76,11 +79,12 @@ class Assessed:
 
     @property
     def vetoed(self) -> bool:
-        """Whether something that is no effect explains the recordings better, or motions that were not fitted speak against it.
+        """Whether an imitator explains the recordings better, or held-out recordings contradict the effect.
 
-        A contact happens in one log only. Their likelihood may fall by what the uncertainty of its k parameters explains, chi-square with
-        k degrees of freedom, where the recordings that were fitted speak for it clearly. What another channel shows is there, although the
-        torque about the blows of a gap, say, follows another law: its evidence counts with theirs.
+        Held-out recordings cannot contradict a contact, which happens in one log only. The held-out likelihood may fall by what
+        the uncertainty of the k parameters explains (chi-square with k degrees of freedom), if all recordings together bring
+        APART beyond the price. Evidence from another channel counts too: it shows that the effect exists, even if the torque
+        follows another law, as around impacts in a gap.
         """
         by_chance = self.held_out >= -chdtri(len(self.effect.parameters), CHANCE) and self.left >= APART
         against = self.worse > 0.0 or (self.held_out < 0.0 and not by_chance)
@@ -89,17 +93,17 @@ class Assessed:
 
     @property
     def left(self) -> float:
-        """Evidence of all recordings beyond the name's price."""
+        """Evidence of all recordings beyond the price."""
         return self.over_price + self.held_out
 
     @property
     def over_price(self) -> float:
-        """Evidence of the recordings that were fitted beyond the name's price."""
+        """Evidence of the fitted recordings beyond the price."""
         return self.lost - price(self.effect)
 
     @property
     def refusal(self) -> str:
-        """Why motions that were not fitted speak against it, or what explains those that were better."""
+        """Why the effect is left out: what held-out recordings show against it, or what explains the fitted ones better."""
         left_out = f"{self.effect.title} was fitted and is left out:"
         if self.imitator is not None:
             what, more = self.imitator
@@ -113,10 +117,11 @@ class Assessed:
 
     @property
     def doubtful(self) -> bool:
-        """Whether it may as well be nothing, or brings too little.
+        """Whether the effect may be absent, shows at one of its two joints only, or brings too little.
 
-        Too little is less than LEAST beyond its price on all recordings (LEAST_EVENT of a contact), or LEAST_STATED there and on those that were
-        fitted, or a small share of what a stronger effect of the same joint brings: that one's own law may have another form there.
+        It must bring LEAST beyond the price on all recordings (a contact LEAST_EVENT). Friction and reflected inertia must
+        bring LEAST_STATED on all recordings and on the fitted ones alone. It must also bring a share of what a stronger effect
+        brings at the same joint, whose law may have another form there.
         """
         least = LEAST_EVENT if self.effect.effect == CONTACT else LEAST
         little = min(self.left, self.over_price) < LEAST_STATED if self.effect.effect in STATED else self.left < least
@@ -126,12 +131,12 @@ class Assessed:
 
     @property
     def confidence(self) -> float:
-        """Share of belief in this name, by what it brings beyond its price."""
+        """Confidence in this name, from its evidence beyond the price."""
         return confidence(self.over_price, SURER, len(self.rivals))
 
 
 def assess(measurements: Sequence[Measurement], best: Fit, apart: Sequence[Measurement]) -> list[Assessed]:
-    """Every accepted effect of a fit, in its order; its rivals, which take most of the time, are asked by `with_rivals`."""
+    """Every accepted effect of a fit, in its order, without rivals: `with_rivals` adds them, which takes most of the time."""
     with_all, stds = HeldOut.of(best, apart), best.std()
     rests = [without(measurements, best, i) for i in range(len(best.accepted))]
     lost = [rest.objective - best.objective for rest in rests]
@@ -152,14 +157,14 @@ def assess(measurements: Sequence[Measurement], best: Fit, apart: Sequence[Measu
 
 
 def _fall(rest: Fit, best: Fit) -> np.ndarray:
-    """(n,) fall of -2 log likelihood at every joint from one fit to the other."""
+    """(n,) fall of -2 log likelihood at every joint from `rest` to `best`."""
     return np.array([huber(a) - huber(b) for a, b in zip(rest.solved.left(), best.solved.left(), strict=True)])
 
 
 def joints_of_other_form(
     accepted: Sequence[ArmEffect], lost: Sequence[float], i: int, joint_names: Sequence[str]
 ) -> np.ndarray:
-    """(n,) joints whose torque says nothing of effect i, which acts at many: a stronger one acts there whose law may have another form."""
+    """(n,) joints that say nothing about effect i, which acts at many: a stronger effect acts there, of uncertain form."""
     out = np.zeros(len(joint_names), dtype=bool)
     if acts_everywhere(accepted[i]):
         for k, other in enumerate(accepted):
@@ -170,14 +175,14 @@ def joints_of_other_form(
 
 
 def strongest_beside(accepted: Sequence[ArmEffect], lost: Sequence[float], joint_names: Sequence[str]) -> list[float]:
-    """Per effect `first` of `Assessed`: what the strongest other one brings that shares a joint with it and may have another form."""
+    """Per effect, `first` of `Assessed`: the gain of the strongest other inexact effect that shares a joint with it."""
     at = [acts_at(item, joint_names) for item in accepted]
     loose = [k for k, item in enumerate(accepted) if not effect_named(item.effect).exact]
     return [max((lost[k] for k in loose if k != i and at[i] & at[k]), default=0.0) for i in range(len(accepted))]
 
 
 def with_rivals(measurements: Sequence[Measurement], best: Fit, assessed: Sequence[Assessed]) -> list[Assessed]:
-    """The same with what explains the recordings as well in the place of each."""
+    """The same effects with their rivals."""
     out, bank = [], Bank()
     for i, a in enumerate(assessed):
         assert a.rest is not None
@@ -190,15 +195,15 @@ def with_rivals(measurements: Sequence[Measurement], best: Fit, assessed: Sequen
 
 
 def least_apart(item: ArmEffect, rival: Key, lost: float) -> float:
-    """By how much a rival must be worse to be told from an effect that brings `lost`."""
+    """How much worse a rival must be to be distinguished from an effect that brings `lost`."""
     friction = item.effect.endswith(FRICTION) or rival[0].endswith(FRICTION)
     return max(APART_FRICTION, APART_SHARE * lost) if friction and rival[1] == item.joint else APART
 
 
 def _one_sided(item: ArmEffect, fall: np.ndarray, best: Fit) -> bool:
-    """Whether one of the two joints of a coupled transmission shows less than SHOWN of what its share of the torque would, and clearly so.
+    """Whether one of two joints coupled by a transmission shows significantly less than SHOWN of its expected share.
 
-    fall: (n,) of -2 log likelihood at every joint, that the effect brings. An expected fall e has a standard deviation of 2 sqrt(e).
+    fall (n,): fall of -2 log likelihood by the effect at each joint. An expected fall e has a standard deviation of 2 sqrt(e).
     """
     ratio = effect_named(item.effect).passed_on(item.parameters)
     if not ratio:
@@ -211,10 +216,12 @@ def _one_sided(item: ArmEffect, fall: np.ndarray, best: Fit) -> bool:
 
 
 def _imitator(item: ArmEffect, rest: Fit, lost: float) -> tuple[str, float] | None:
-    """What imitates an effect and brings more in its place, beside everything that `rest` leaves free; and how much more: beyond APART and APART_SHARE.
+    """The strongest imitator of an effect and how much more it brings in its place.
 
-    Compared with the effect's own linear promise where that is more: of a strong effect the exact fall is a fraction of it. The imitators of six
-    unknown effects of the exam brought 12 % more and beyond; fast motion hardly tells a spring from one that creeps, by .7 %.
+    None if that is within APART or APART_SHARE. Everything that `rest` leaves free is free beside it. It is compared with the
+    effect's exact gain or its linear one, whichever is larger: for a strong effect the exact gain is a fraction of the linear
+    one. The imitators of six unknown effects of the exam brought at least 12 % more. Fast motion hardly distinguishes a spring
+    from one that creeps (0.7 %).
     """
     if item.joint is None:
         return None
@@ -235,7 +242,7 @@ def _imitator(item: ArmEffect, rest: Fit, lost: float) -> tuple[str, float] | No
 
 
 def is_nothing(item: ArmEffect, std: dict[str, float]) -> bool:
-    """Whether no parameter that has a zero is further than NOTHING standard deviations from it; a parameter without one has no size."""
+    """Whether every parameter that has a zero is within NOTHING standard deviations of it; False if none has a zero."""
     sizes = [p for p in effect_named(item.effect).parameters if p.zero is not None]
     return bool(sizes) and all(
         abs(item.parameters[p.name] - p.zero) < NOTHING * std[p.name] for p in sizes if p.zero is not None

@@ -1,4 +1,4 @@
-"""An additive basis: parts over positions, speeds, acceleration, load, pairs, memory, hysteresis, resonance, time, as filtered columns per log."""
+"""Additive basis in position, speed, acceleration, load, pairs, memory, hysteresis, resonance and time: columns per log."""
 
 from __future__ import annotations
 
@@ -12,29 +12,29 @@ from calib.diagnosis.model import LogModel
 from sim.slip import slip_along
 
 MEMORIES = (0.3, 1.0, 3.0)  # s
-# Damped oscillators that a joint's acceleration drives: a liquid, a pedestal, a hanging tool. A third apart, so that one is near.
+# Damped oscillators driven by a joint's acceleration: a liquid, a pedestal, a hanging tool. Steps of about 1.5, so one is near.
 RESONANCES, DAMPING = (0.6, 0.9, 1.4, 2.1, 3.2, 4.8), 0.12  # Hz
-# rad to come to the full level after a reversal: a dress pack, a seal, a belt; dry friction of the gear itself takes a hundredth of that.
+# rad in which friction of a dress pack, seal or belt builds up after a reversal; dry friction in the gear takes a hundredth.
 WIDTHS = (0.05, 0.1, 0.2, 0.4)
 KNOTS = 8
-SPOTS = 42  # hats over a turn, one every .15 rad: friction at one angle, of a damaged tooth or a dented race
+SPOTS = 42  # hat functions in a turn, one every 0.15 rad: friction at one angle, from a damaged tooth or a dented race
 
 
 class AdditiveBasis:
-    """Groups of columns of some logs; what all joints share (their positions, speeds, the time) is filtered once."""
+    """Groups of columns for some logs; what all joints share (positions, speeds, time) is filtered once."""
 
     def __init__(self, models: list[LogModel]) -> None:
         self.models = models
         self._common = self._filtered([_common(m) for m in models])
 
     def groups(self, j: int) -> dict[str, list[np.ndarray]]:
-        """Name of the variable(s) -> per log columns (R, k), filtered like the torque, for the rest of joint j."""
+        """Group name -> filtered columns (R, k) per log, for the residual of joint j."""
         name, own = self.models[0].arm.joint_names[j], self._filtered([_own(m, j) for m in self.models])
         linear = {"resonance": _resonances, "hysteresis": _hystereses}
         return self._common | own | {f"{key}:{name}": [m.rows(of(m, j)) for m in self.models] for key, of in linear.items()}
 
     def spots(self, j: int) -> dict[str, list[np.ndarray]]:
-        """The same of friction at single angles of joint j: its direction times SPOTS hats that together cover a turn."""
+        """The same for friction at single angles of joint j: its direction times SPOTS hat functions that cover a turn."""
         return {
             f"spot:{self.models[0].arm.joint_names[j]}": [m.rows(hats(m, j) * _direction(m, j)[:, None]) for m in self.models]
         }
@@ -56,7 +56,7 @@ def _common(m: LogModel) -> dict[str, list[np.ndarray]]:
 
 
 def _own(m: LogModel, j: int) -> dict[str, list[np.ndarray]]:
-    """The same of one joint; a pair of arguments means products of the first one's splines with the second."""
+    """The same for joint j alone; of a pair of arguments, the columns are the first one's splines times the second."""
     name, link = m.arm.joint_names[j], m.link
     sign = _direction(m, j)
     out = {
@@ -72,24 +72,24 @@ def _own(m: LogModel, j: int) -> dict[str, list[np.ndarray]]:
 
 
 def _since(memory: float, q: np.ndarray) -> np.ndarray:
-    """(N,) how far q is from where a lag of the first order, of so many samples, has followed it to."""
+    """(N,) distance of q from its first-order lag with a time constant of `memory` samples."""
     decay = np.exp(-1.0 / memory)
     return np.asarray(q - q[0] - lfilter([1 - decay], [1, -decay], q - q[0]))
 
 
 def _direction(m: LogModel, j: int) -> np.ndarray:
-    """(N,) the sign of the speed, without a step."""
+    """(N,) sign of the speed, smooth through zero."""
     return np.tanh(m.link.dq[:, j] / 0.02)
 
 
 def hats(m: LogModel, j: int) -> np.ndarray:
-    """(N, SPOTS) 1 at a centre, 0 from the next one on; an angle a whole turn later is the same one."""
+    """(N, SPOTS) hat functions: 1 at a centre, 0 from the next centre on, periodic in a turn."""
     away = np.abs((m.link.q[:, j] * SPOTS / (2 * np.pi) % SPOTS)[:, None] - np.arange(SPOTS))
     return np.clip(1.0 - np.minimum(away, SPOTS - away), 0.0, None)
 
 
 def _resonances(m: LogModel, j: int) -> np.ndarray:
-    """(N, 2 k) angles and speeds, over their natural frequency, of k oscillators x'' + 2 d w x' + w^2 x = -ddq_j w^2."""
+    """(N, 2 k) x and x' / w of k oscillators x'' + 2 d w x' + w^2 x = -w^2 ddq_j."""
     dt, out = 1.0 / m.measurement.rate, []
     for frequency in RESONANCES:
         w = 2 * np.pi * frequency
@@ -111,7 +111,7 @@ def _hystereses(m: LogModel, j: int) -> np.ndarray:
 
 
 def _splined(per_log: list[list[np.ndarray]]) -> list[np.ndarray]:
-    """Cubic splines of every argument with knots common to all logs; with a sign as second argument the splines times it."""
+    """Cubic splines of every argument, knots common to all logs; those of the first times the second where that is a sign."""
     arguments = list(zip(*per_log, strict=True))
     signed = len(arguments) == 2 and all(np.all(np.abs(x) <= 1.0) for x in arguments[1])
     blocks: list[list[np.ndarray]] = [[] for _ in per_log]

@@ -1,4 +1,4 @@
-"""Whether a fitted effect is one that there may be: physical, in the recording, and off the bounds of its shape."""
+"""Whether a fitted effect is admissible: physically plausible, inside its recording, and off the bounds of its shape."""
 
 from __future__ import annotations
 
@@ -13,13 +13,15 @@ from calib.diagnosis.parameters import logarithmic, parameters_of
 from sim.arm import ArmEffect
 from sim.effects import effect_named
 
-# Share of a contact's duration that the recording must hold before and after it.
+# Share of a contact's duration that the recording must extend beyond it at either end.
 EDGE = 0.05
 
 
 def admissible(f: Fit) -> bool:
-    """Whether no shape parameter (an exponent, a time) ran into its bound, and every effect is one that there is: what fits best beyond is
-    something else."""
+    """Whether every effect is plausible and inside its recording, and no shape parameter (an exponent, a time) is at a bound.
+
+    A best fit at a bound means that the cause is something else.
+    """
     return all(plausible(e, f.models, np.inf) and within_recording(e, f) for e in f.accepted) and all(
         f.accepted[i].effect == CONTACT
         or not logarithmic(p)
@@ -29,7 +31,7 @@ def admissible(f: Fit) -> bool:
 
 
 def within_recording(item: ArmEffect, f: Fit) -> bool:
-    """Whether a contact lies within its recording: a force that was there before or after it has no beginning or end to be known by."""
+    """Whether a contact begins and ends inside its recording; otherwise neither its start nor its end can be determined."""
     if item.effect != CONTACT or f.hypothesis.event_log is None:
         return True
     t = f.models[f.hypothesis.event_log].link.t
@@ -38,7 +40,7 @@ def within_recording(item: ArmEffect, f: Fit) -> bool:
 
 
 def plausible(item: ArmEffect, models: Sequence[LogModel], gain: float) -> bool:
-    """Whether an effect is one that there may be in the recordings of the models; what was observed is there."""
+    """Whether an effect is plausible in the recordings of the models; an effect that another channel shows always is."""
     if item.key in models[0].hypothesis.observed:
         return True
     arm = models[0].arm

@@ -27,9 +27,9 @@ from sim.effects.effect import Parameter
 
 @dataclass
 class Diagnosis:
-    """The answer as data (`diagnosis.json`), the names that were fitted, and limits of drives, which show in no fit of torques.
+    """The answer as data (`diagnosis.json`), the named effects, and drive limits, which no fit of torques shows.
 
-    found: the search with its fits, which hold arrays of the recordings; steps: the candidates that came near at every step of it.
+    found: the search with its fits, which hold arrays of the recordings; steps: the best candidates at every step of it.
     """
 
     answer: dict[str, Any]
@@ -43,11 +43,14 @@ class Diagnosis:
         self.answer["claims"] = [claim.as_dict() for claim in claims(self.answer)]
 
     def without_fits(self) -> Diagnosis:
-        """The same without the memory that its fits need."""
+        """The same without the search, whose fits take memory."""
         return replace(self, found=None)
 
     def write(self, folder: Path, arm: Arm) -> None:
-        """The corrected arm, then diagnosis.json, which names it; no arm where every correction was refused; a contact is an event and does not belong to the arm."""
+        """Write the corrected arm, then diagnosis.json, which refers to it.
+
+        No arm is written if every correction was refused. A contact is an event and not part of the arm.
+        """
         if self.answer["arm_out"] is not None:
             change = self.correction or ArmChange({}, ())
             stay = [e for e in (*self.accepted, *self.limits) if e.effect != CONTACT]
@@ -57,7 +60,7 @@ class Diagnosis:
 
 
 def unusable(arm: Arm, trusted: Sequence[GateCheck]) -> Diagnosis:
-    """The answer where the recordings cannot be used; no arm is written, for nothing was corrected."""
+    """The answer for unusable recordings; no arm is written, because nothing was corrected."""
     return Diagnosis(answer(arm, "bad_data", [], [], None, "", trusted) | {"arm_out": None}, (), None)
 
 
@@ -85,7 +88,7 @@ def answer(
 
 
 def deviation(p: Parameter, value: float, std: float, by_law: float) -> dict[str, Any]:
-    """The standard deviation of a parameter and, in it, the part of its law; none where the recordings do not show it."""
+    """Standard deviation of a parameter, and its part due to the choice of law; None if it is not identifiable."""
     if not seen(p, value, std):
         return {"std": None, "identifiable": False}
     return {"std": float(np.hypot(np.nan_to_num(std), by_law)), **({"std_by_law": by_law} if by_law else {})}
@@ -101,9 +104,10 @@ def entry(
     by_law: Mapping[str, float] = MappingProxyType({}),
     written: ArmEffect | None = None,
 ) -> dict[str, Any]:
-    """One effect as diagnosis.json has it; by_law: what each standard deviation owes to the law (calib.diagnosis.model_form), a part of `std`.
+    """One effect as diagnosis.json has it.
 
-    written: the effect as the corrected arm has it, which holds no lead of the reading or of friction and predicts best with other numbers.
+    by_law: the part of each standard deviation, within `std`, due to the choice of law (calib.diagnosis.model_form).
+    written: the effect in the corrected arm, which holds no lead of the reading or of friction, so other values predict best.
     """
     effect = effect_named(item.effect)
     nominal, through = nominal_values(arm, item), driven_by(arm.joint_names, item)

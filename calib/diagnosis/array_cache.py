@@ -1,4 +1,4 @@
-"""Arrays that were computed before: of all caches together, as many as fit into a number of bytes."""
+"""Caches of computed arrays that share one memory budget."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 
 
 class CacheBudget:
-    """`most` bytes of arrays in all caches that share it: the least recently used go first, whichever cache they are in."""
+    """At most `most` bytes of arrays in all caches that share it; the least recently used goes first, from any cache."""
 
     def __init__(self, most: float) -> None:
         self._most, self._bytes = most, 0
@@ -19,22 +19,22 @@ class CacheBudget:
         self._owners: dict[int, dict[Hashable, Any]] = {}
 
     def joined_by(self, cache: object, values: dict[Hashable, Any]) -> None:
-        """A new cache with its values; they are forgotten when it is."""
+        """Add a cache and its values; they are forgotten when the cache is."""
         self._owners[id(values)] = values
         weakref.finalize(cache, self._left_by, values).atexit = False
 
     def used(self, values: dict[Hashable, Any], key: Hashable) -> None:
-        """That value is the last one to go."""
+        """Mark a value as the most recently used."""
         self._sizes.move_to_end((id(values), key))
 
     def taken(self, values: dict[Hashable, Any], key: Hashable) -> None:
-        """That value is new; others make room for it."""
+        """Count a new value and drop others to make room for it."""
         self._sizes[id(values), key] = _bytes(values[key])
         self._bytes += self._sizes[id(values), key]
         while self._bytes > self._most and len(self._sizes) > 1:
             (owner, dropped), size = self._sizes.popitem(last=False)
             self._bytes -= size
-            self._owners.get(owner, {}).pop(dropped, None)  # its cache may go at any moment
+            self._owners.get(owner, {}).pop(dropped, None)  # its cache may be collected at any moment
 
     def _left_by(self, values: dict[Hashable, Any]) -> None:
         for key in values:
@@ -42,15 +42,16 @@ class CacheBudget:
         self._owners.pop(id(values), None)
 
 
-# bytes, chosen between 80 and 110 MB on four cases of the exam (seed 26113061): with 110 no less time, and 23 to 56 MB more memory
+# bytes; chosen between 80 and 110 MB on four exam cases (seed 26113061): 110 MB saved no time and took 23 to 56 MB more memory
 SHARED = CacheBudget(80e6)
 
-# bytes of motions of motors and their slips, which are small, quick to compute and many: among the others they would drive out what is neither
+# bytes for motor motions and their slips, which are small, quick to compute and many: in the shared budget they would displace
+# arrays that are neither small nor quick
 MOTIONS = CacheBudget(10e6)
 
 
 class ArrayCache:
-    """Values by key, within the budget."""
+    """Values by key, within a budget."""
 
     def __init__(self, budget: CacheBudget = SHARED) -> None:
         self._budget = budget
@@ -58,7 +59,7 @@ class ArrayCache:
         budget.joined_by(self, self._values)
 
     def of(self, key: Hashable, compute: Callable[[], Any]) -> Any:
-        """The value under the key: an array, or an object with arrays as attributes; computed now where there is none."""
+        """The value under the key, computed if missing: an array, or an object with arrays as attributes."""
         if key in self._values:
             self._budget.used(self._values, key)
             return self._values[key]

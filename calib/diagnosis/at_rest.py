@@ -1,4 +1,4 @@
-"""A diagnosis of an arm that stands: its inertias and frictions do not show, but a push against it does."""
+"""Diagnosis of an arm that stands still: its inertia and friction do not show, but a push against it does."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from logs.log import Log
 from sim.arm import Arm, ArmEffect
 from sim.rigid_body import RigidBody
 
-GIVES_WAY = 1.0  # s of motion that a push may cause in a recording of an arm that stands
+GIVES_WAY = 1.0  # s of motion that a push may cause in a recording of a standing arm
 
 
 def pushed_at_rest(arm: Arm, logs: Sequence[Log]) -> Diagnosis | None:
-    """Contacts of logs in which the arm stands; None where it moves, where something else is wrong, or where nothing pushed it."""
+    """Contacts in logs of a standing arm; None if it moves, if another check fails, or if nothing pushed it."""
     trusted: list[GateCheck] = []
     found: list[tuple[ArmEffect, dict[str, float]]] = []
     for log in logs:
@@ -34,16 +34,16 @@ def pushed_at_rest(arm: Arm, logs: Sequence[Log]) -> Diagnosis | None:
         found += [_contact(arm, log, push) for push in pushes(arm, log)]
     if not found:
         return None
-    trusted.append(GateCheck("standing", True, "the arm stands: nothing but pushes against it can be found"))
-    # dry friction cannot hold what a push is claimed of
+    trusted.append(GateCheck("standing", True, "the arm stands still: only pushes against it can be found"))
+    # a push counts as one only beyond what dry friction can hold
     entries = [entry(arm, item, std, MOST_SURE, 1.0 / len(found)) for item, std in found]
     return Diagnosis(answer(arm, "effects_found", entries, [], None, "", trusted), tuple(item for item, _ in found), None)
 
 
 def _contact(arm: Arm, log: Log, push: Push) -> tuple[ArmEffect, dict[str, float]]:
-    """The force f on the last link that the drives answered, -J(q)^T f = tau, as far as their dry friction lets them show it.
+    """Force f on the last link from the drives' response, -J(q)^T f = tau, as far as dry friction lets them show it.
 
-    Gaussian in f with prior force_spread; a joint's torque is known to half of its band, as of a uniform error.
+    Gaussian in f with prior standard deviation `force_spread`. A joint's torque error counts as uniform over its band.
     """
     at = int(np.searchsorted(log.t, 0.5 * (push.start + push.end)))
     linear, _ = RigidBody(arm).jacobian(log.q[at : at + 1])

@@ -1,8 +1,9 @@
-"""What has changed since healthy recordings: a regression of the new logs on effects, beside everything that the healthy arm is known to do.
+"""Changes since healthy recordings: a regression of the new logs on effects, beside what the healthy arm is known to do.
 
-The healthy logs tell what the arm's model leaves and how that varies from motion to motion and from day to day
-(calib.diagnosis.healthy), and for each candidate effect the size that it takes on where nothing has changed (calib.diagnosis.null).
-An effect is named where its estimate in the new logs stands out of both: a likelihood ratio with the null's spread in the covariance.
+The healthy logs show what the arm's model leaves unexplained, and how that varies between motions and between days
+(calib.diagnosis.healthy). For each candidate effect they show the size that it takes where nothing has changed
+(calib.diagnosis.null). An effect is named if its estimate in the new logs stands out from both: a likelihood ratio whose
+covariance includes the null's spread.
 """
 
 from __future__ import annotations
@@ -29,10 +30,10 @@ from calib.measurement.preprocessing import Measurement
 from calib.regression.noise import Noise
 from sim.arm import Arm, ArmEffect
 
-# A change is named above this on the scale of -2 log likelihood; tuned on the practice cases of a real UR10e and on its unchanged logs.
+# A change is named above this gain in -2 log likelihood. Tuned on practice cases and unchanged logs of a real UR10e.
 THRESHOLD = 8.0
 MOST_CHANGES = 4
-WIDE = 1e3  # prior standard deviation of an accepted change, over its size when it was accepted: free
+WIDE = 1e3  # prior standard deviation of an accepted change over its size when accepted: wide enough to leave it free
 
 
 @dataclass
@@ -45,7 +46,7 @@ class Since:
     accepted: list[ScoredChange] = field(default_factory=list)
 
     def left(self, healthy: Healthy, models: list[LogModel]) -> list[np.ndarray]:
-        """Per joint (R_j,) N m: what the healthy arm's law and the changes leave of other logs; a contact is in one log only."""
+        """Per joint (R_j,) N m: residual of other logs after the healthy law and all changes but contacts."""
         rows = healthy.law.rows(models)
         out = list(rows.r)
         for s in self.accepted:
@@ -57,7 +58,7 @@ class Since:
 
 
 class Healthy:
-    """What the healthy logs of an arm tell: its law, the noise between motions and days, and each candidate's size where nothing changed."""
+    """What the healthy logs show: law of the arm, noise between motions and days, candidates' sizes without a change."""
 
     def __init__(self, arm: Arm, baseline: Sequence[Measurement]) -> None:
         self.arm = arm
@@ -70,7 +71,7 @@ class Healthy:
         self.law = self._folds.law()
 
     def since(self, after: Sequence[Measurement], apart: Sequence[Measurement] = ()) -> Since:
-        """What has changed in `after`; changes that `apart` speaks against are dropped."""
+        """What has changed in `after`; changes that the held-out logs `apart` contradict are dropped."""
         new, held = ([LogModel(m, self.hypothesis) for m in x] for x in (after, apart))
         rows = self.law.rows(new)
         kept = self.law.rows(held) if held else None
@@ -95,13 +96,13 @@ class Healthy:
         return Since(_restated(accepted, solved, rows.p), odd, self.noise, accepted)
 
     def _agrees(self, s: ScoredChange, accepted: list[ScoredChange], kept: ResidualRows | None, held: list[LogModel]) -> bool:
-        """Whether a candidate is more than the form of a named change leaves, and the logs kept apart agree."""
+        """Whether a candidate is more than the form error of a named change, and held-out logs agree."""
         return not left_over(s, accepted) and holds(s, kept, self.noise, held)
 
     def _beside(
         self, accepted: list[ScoredChange], skip: set[Key], rows: ResidualRows, new: list[LogModel]
     ) -> list[ScoredChange]:
-        """Every candidate beside accepted changes, most evident first."""
+        """Every candidate beside accepted changes, largest `brings` first."""
         solved = solve(_joined(rows, accepted), self.noise)
         return scored_changes(solved, new, self._null, skip | {s.key for s in accepted}, self.arm)
 
@@ -113,7 +114,7 @@ class Healthy:
 
 
 def _joined(rows: ResidualRows, accepted: list[ScoredChange]) -> ResidualRows:
-    """The rows with the accepted columns beside them, free."""
+    """The rows with the columns of the accepted changes beside them, left free."""
     if not accepted:
         return rows
     own = []
@@ -128,7 +129,7 @@ def _joined(rows: ResidualRows, accepted: list[ScoredChange]) -> ResidualRows:
 
 
 def _restated(accepted: list[ScoredChange], solved: Solved, p: int) -> list[Changed]:
-    """The changes with the sizes of the joint fit."""
+    """The changes with their sizes from the joint fit, where these are within bounds."""
     out, first = [], p
     for s in accepted:
         k = len(s.coefficients)

@@ -1,6 +1,6 @@
-"""What an ordinary refit of the arm's own numbers takes up: which of them moved, how far, and how sure that is.
+"""What an ordinary refit of the arm's own parameters absorbs: which of them moved, how far, and how certain that is.
 
-An effect that looks like a heavier link, another friction level or a late reading is no name, but it is an answer.
+A deviation that looks like a heavier link, another friction level or a late reading is no named effect, but it is an answer.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from calib.diagnosis.nuisance import DELAY_MEAN, DELAY_SPREAD, ROTOR_TOGETHER, s
 from calib.diagnosis.rows import Solved
 from sim.arm import Arm
 
-MOVED, EVIDENT = 1.0, 9.0  # prior standard deviations, and Wald statistic, to be listed
+MOVED, EVIDENT = 1.0, 9.0  # least change in prior standard deviations, and least Wald statistic, to be listed
 FRICTION = {
     "Fc": ("Coulomb friction", "coulomb_friction", "coulomb", "N*m"),
     "Fv": ("viscous friction", "viscous_friction", "viscous", "N*m*s/rad"),
@@ -29,10 +29,10 @@ FRICTION = {
 
 @dataclass(frozen=True)
 class Moved:
-    """One number of the arm: its value before and after the refit, its standard deviation then and that of its prior, and gap_share.
+    """One parameter of the arm before and after the refit, with its standard deviation, that of its prior, and gap_share.
 
-    gap_share: the rise of chi2 if the number went back, everything else fixed, as a share of what the whole refit brought. The reflected
-    inertia of a joint moves with the factor on all joints too, as the corrected arm has it.
+    gap_share: rise of chi2 if it went back with everything else fixed, as a share of what the whole refit brought. The
+    reflected inertia of a joint includes the factor common to all joints, as in the corrected arm.
     """
 
     name: str
@@ -46,7 +46,7 @@ class Moved:
 
     @property
     def deviations(self) -> float:
-        """Prior standard deviations by which it moved."""
+        """Change in prior standard deviations."""
         return (self.after - self.before) / self.prior_std
 
     def entry(self) -> dict[str, object]:
@@ -58,7 +58,7 @@ class Moved:
 
 
 def calibration(refit: Fit) -> list[Moved]:
-    """The numbers that moved by more than a prior standard deviation and significantly, farthest first; every gear's ripple is one."""
+    """Parameters that moved significantly and by at least MOVED, farthest first; every gear's ripple is among them."""
     arm, solved = refit.hypothesis.start, refit.solved
     names, brought, out = refit.models[0].names, _brought(solved), []
     for k, name in enumerate(names):
@@ -89,7 +89,7 @@ def _brought(solved: Solved) -> float:
 
 
 def _meaning(arm: Arm, name: str) -> tuple[str, str | None, float, str, float] | None:
-    """What a nuisance parameter is, its joint, the arm's own value, its unit and one prior standard deviation of it."""
+    """Name, joint, nominal value, unit and prior standard deviation of a nuisance parameter; None if it is not listed."""
     if name == "delay":
         return "delay of the torque reading", None, 1e3 * DELAY_MEAN, "ms", 1e3 * DELAY_SPREAD
     match = re.fullmatch(r"(m|cx|cy|cz|I|Fc|Fv|Ia|offset)_(\d+)", name)

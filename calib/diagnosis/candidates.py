@@ -1,4 +1,4 @@
-"""Every effect of the catalogue at every joint as columns of torque: what the residual would look like if that effect were missing."""
+"""Every effect of the catalogue at every joint as torque columns: the residual to expect if that effect were missing."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from sim.motion_view import CandidateColumns
 
 @dataclass(frozen=True)
 class Candidate(CandidateColumns):
-    """An effect at a joint (None: the whole arm) with its columns per recording; number: which of its starts there, from 1."""
+    """An effect at a joint (None: the whole arm) with its columns per recording; number: which of its starts, from 1."""
 
     effect: str = ""
     joint: str | None = None
@@ -30,7 +30,7 @@ Wanted = Callable[[Effect, int | None], bool]
 
 
 def candidates(models: Sequence[LogModel], wanted: Wanted | None = None) -> Iterator[Candidate]:
-    """All candidates at the present hypothesis, or those `wanted`, each with every start of its nonlinear parameters."""
+    """All candidates under the present hypothesis, or those `wanted`, each with every start of its nonlinear parameters."""
     joints: list[tuple[int | None, str | None]] = list(enumerate(models[0].arm.joint_names))
     for effect in EFFECTS:
         for j, joint in joints if effect.scope == "joint" else [(None, None)]:
@@ -41,13 +41,13 @@ def candidates(models: Sequence[LogModel], wanted: Wanted | None = None) -> Iter
 
 
 def of(item: ArmEffect, joint_names: Sequence[str]) -> Wanted:
-    """The effect of `item` at its joint alone."""
+    """Filter for the effect of `item` at its joint alone."""
     at = None if item.joint is None else joint_names.index(item.joint)
     return lambda effect, j: (effect.name, j) == (item.effect, at)
 
 
 def in_place_of(item: ArmEffect, joint_names: Sequence[str]) -> Wanted:
-    """Whether an effect at a joint may stand for `item`: both change the torque of one joint."""
+    """Filter for effects that may replace `item`: both change the torque of a common joint."""
     at, everywhere = {joint_names.index(joint) for joint in acts_at(item, joint_names)}, acts_everywhere(item)
 
     def wanted(effect: Effect, j: int | None) -> bool:
@@ -57,10 +57,10 @@ def in_place_of(item: ArmEffect, joint_names: Sequence[str]) -> Wanted:
 
 
 def acts_everywhere(item: ArmEffect) -> bool:
-    """Whether an effect changes the torque of many joints: one of the whole arm, or one that changes angles, bodies or forces."""
+    """Whether an effect changes the torque of many joints: it belongs to the whole arm, or changes angles, bodies or forces."""
     return item.joint is None or effect_named(item.effect).stage < Stage.JOINT
 
 
 def acts_at(item: ArmEffect, joint_names: Sequence[str]) -> set[str]:
-    """The joint of an effect, and the one that it is driven through; none of an effect of the whole arm."""
+    """The joint of an effect and the joint it is driven through; empty for an effect of the whole arm."""
     return {joint for joint in (item.joint, driven_by(joint_names, item)) if joint is not None}

@@ -1,4 +1,4 @@
-"""Which scored change may be named: what the form of a named change leaves is none, and logs kept apart must agree."""
+"""Which scored change may be named: it must be more than the form error of a named change, and held-out logs must agree."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from calib.diagnosis.scored_changes import ScoredChange, same_candidate
 from calib.regression.noise import Noise
 from sim.arm import Arm
 
-ALIKE = 0.08  # two candidates nearer than APART, or than this share, are indistinguishable
-UNUSUAL = 0.05  # chance of a size in healthy logs; the usual level, not tuned
-LEFT_OVER = 0.15  # of a named change's fall of chi2: what another form of the same change may leave at its joint
-# and what a change of the whole arm may leave at any joint: a load of 2.8 kg on a real UR10e raises its gears' friction to 0.3 %
+ALIKE = 0.08  # two candidates are indistinguishable if they differ by less than APART or than this share
+UNUSUAL = 0.05  # probability of such a size in healthy logs; the usual level, not tuned
+LEFT_OVER = 0.15  # share of a named change's fall of chi2 that another form of it may leave at its joint
+# the same at any joint for a change of the whole arm; extra gear friction under a load of 2.8 kg on a real UR10e reaches 0.3 %
 LEFT_OVER_ANYWHERE = 0.01
 
 
 def left_over(s: ScoredChange, accepted: list[ScoredChange]) -> bool:
-    """Whether a candidate may be no more than what the form of a named change leaves."""
+    """Whether a candidate may be no more than the form error of a named change."""
     whole = (a for a in accepted if a.key[1] is None)
     return any(a.key[1] == s.key[1] is not None and s.brings < LEFT_OVER * a.brings for a in accepted) or any(
         s.brings < LEFT_OVER_ANYWHERE * a.brings for a in whole
@@ -29,10 +29,10 @@ def left_over(s: ScoredChange, accepted: list[ScoredChange]) -> bool:
 
 
 def explains_more(s: ScoredChange, named: ScoredChange) -> bool:
-    """Whether a candidate at the joint, or on all joints, of one which stands out of the healthy logs explains distinguishably more.
+    """Whether a candidate explains distinguishably more than `named`, at the same joint or at all of its joints.
 
-    That something has changed there is then settled; what it is, the evidence decides, though the candidate's size varies more by
-    itself. It must be a size that healthy logs do not show.
+    `named` stands out from the healthy logs, which settles that something has changed there. The evidence decides what it is,
+    although the candidate's size varies more by itself. That size must be one that healthy logs do not show.
     """
     there = s.key[1] == named.key[1] or named.columns.keys() <= s.columns.keys()
     unusual = s.worth > 0.0 and chi2.sf(s.gain, len(s.coefficients)) < UNUSUAL
@@ -40,18 +40,18 @@ def explains_more(s: ScoredChange, named: ScoredChange) -> bool:
 
 
 def indistinguishable(s: ScoredChange) -> float:
-    """How much less than a candidate brings others may bring and be indistinguishable from it."""
+    """How much less than a candidate another may bring and still be indistinguishable from it."""
     return max(APART, ALIKE * s.brings)
 
 
 def left_by_form(odd: tuple[int, str, float, float], accepted: list[ScoredChange], arm: Arm) -> bool:
-    """Whether structure at a joint may be what the form of a change named there leaves."""
+    """Whether structure at a joint may be the form error of a change named there."""
     joint, excess = arm.joint_names[odd[0]], odd[3]
     return any(a.key[1] in (joint, None) and excess < LEFT_OVER * a.brings for a in accepted)
 
 
 def holds(s: ScoredChange, kept: ResidualRows | None, noise: Noise, held: list[LogModel]) -> bool:
-    """Whether logs that were not fitted agree: the same size of the change lowers their error. A contact is in one log only."""
+    """Whether the same size of the change lowers the error of held-out logs; True for a contact, which is in one log."""
     match = same_candidate(s, held) if kept is not None else None
     if kept is None or match is None:
         return True

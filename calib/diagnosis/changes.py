@@ -25,8 +25,9 @@ from sim.arm import Arm
 from sim.errors import BadLog, ConfigError
 
 LEAST_LOGS = 3
-SURER = 4.0  # of a change's likelihood ratio: what makes its odds e times as large
-# relative rise of a joint's residual RMS; of a change of the whole arm, joints that hardly bear it keep theirs within the noise of a recording. Not tuned.
+SURER = 4.0  # rise of a change's likelihood ratio that multiplies its odds by e
+# Relative rise of a joint's residual RMS. Under a change of the whole arm, joints that hardly carry it vary by the noise of a
+# recording. Not tuned.
 WORSE = 0.05
 
 
@@ -37,10 +38,10 @@ def diagnose_changes(
     baseline: Sequence[Log],
     progress: Callable[[str], None] = lambda text: None,
 ) -> Diagnosis:
-    """The effects that `logs` have and `baseline`, at least three recordings of the healthy arm, has not.
+    """The effects in `logs` that are not in `baseline`, at least three recordings of the healthy arm.
 
-    A corrected arm is offered where no joint that has changed is predicted worse by it. ConfigError where fewer are given: how an arm varies
-    from day to day does not follow from two of its days. BadLog where a joint moves in new recordings only.
+    A corrected arm is offered if it predicts no changed joint worse. ConfigError for fewer baseline recordings: two days of an
+    arm do not show how it varies from day to day. BadLog if a joint moves only in the new recordings.
     """
     require_baseline(len(baseline))
     progress("checking")
@@ -90,7 +91,7 @@ def diagnose_changes(
 
 
 def _worse(arm: Arm, changes: Sequence[Changed], before: np.ndarray, with_it: np.ndarray, log: str) -> list[str]:
-    """Why the corrected arm is refused: a joint that has changed is predicted worse by it, as by an arm that holds the change already."""
+    """Why the corrected arm is refused: it predicts a changed joint worse, as when the given arm already holds the change."""
     joints = {c.effect.joint for c in changes}
     worse = [
         f"{name} ({before[j]:.3g} -> {with_it[j]:.3g} N m)"
@@ -106,27 +107,27 @@ def _worse(arm: Arm, changes: Sequence[Changed], before: np.ndarray, with_it: np
 
 
 def require_baseline(count: int) -> None:
-    """ConfigError unless so many recordings of the healthy arm tell how it varies."""
+    """ConfigError unless there are enough recordings of the healthy arm to show how it varies."""
     if count < LEAST_LOGS:
         raise ConfigError(
-            f"--baseline: {count} recordings; at least {LEAST_LOGS} of the healthy arm are needed to tell what changes by itself "
-            "from one recording to the next; record the plan again, or give the others"
+            f"--baseline: {count} recordings; at least {LEAST_LOGS} of the healthy arm are needed to show how it varies "
+            "from one recording to the next; record the plan again, or give more recordings"
         )
 
 
 def _require_moved(arm: Arm, healthy: Sequence[Measurement], new: Sequence[Measurement]) -> None:
-    """BadLog where a joint moves in new recordings only: what it does when healthy is not known."""
+    """BadLog if a joint moves only in the new recordings, because its healthy behaviour is then unknown."""
     before, now = ([any(m.row_usable[:, j].any() for m in x) for j in range(arm.n)] for x in (healthy, new))
     unknown = [joint for joint, a, b in zip(arm.joint_names, before, now, strict=True) if b and not a]
     if unknown:
         raise BadLog(
-            f"--baseline: {', '.join(unknown)} moves in the new recordings and stands in all of the healthy arm; record the healthy arm "
+            f"--baseline: {', '.join(unknown)} moves in the new recordings but stands still in all of the healthy arm; record the healthy arm "
             "in the same motion, or give new recordings in which the same joints move"
         )
 
 
 def _gap(reference: Healthy, found: Since, shown: list) -> dict[str, list[float]]:  # type: ignore[type-arg]
-    """RMS per joint beside the healthy arm's own law: before, and with the changes; the noise is what the law leaves of healthy logs."""
+    """RMS per joint beside the healthy law, before and with the changes; the noise is what the law leaves of healthy logs."""
     models = [LogModel(m, reference.hypothesis) for m in shown]
     rows = reference.law.rows(models)
     before = [float(np.sqrt(np.mean(r**2))) if len(r) else 0.0 for r in rows.r]

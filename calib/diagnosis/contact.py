@@ -1,6 +1,6 @@
-"""Contacts: a push on the last link that comes and goes, looked for in time, log by log.
+"""Contacts: a push on the last link that comes and goes, searched over time windows in every log.
 
-Among hundreds of windows a fit of three free forces finds a large one somewhere that no joint feels. So the forces have a prior.
+Among hundreds of windows, a fit of three free forces always finds a large one that no joint feels. So the forces have a prior.
 """
 
 from __future__ import annotations
@@ -17,18 +17,18 @@ from sim.tree import GRAVITY
 
 DURATIONS = (0.5, 1.0, 2.0)  # s
 STEP = 0.3  # of a duration
-# A push differs from anything else in that it is felt at several joints at once; a joint that stands still feels nothing that shows.
+# Unlike other effects, a push is felt at several joints at once; a joint that stands still shows nothing of it.
 LEAST_JOINTS = 2
-# Prior standard deviation of a force's component: it would load the strongest joint at full reach with a quarter of its torque.
+# Prior standard deviation of a force component: at full reach it loads the strongest joint with this share of its torque limit.
 FORCE_SHARE = 0.25
-ONE_JOINT = 0.85  # of a push's evidence: more than that at a single joint is no push on the last link
+ONE_JOINT = 0.85  # of a push's evidence; if a single joint holds more, it is no push on the last link
 
 
 def force_spread(arm: Arm) -> float:
-    """Prior standard deviation of a contact's force component, N: a share of the largest force that a stated torque limit gives, at full reach
-    of a joint that turns; where none is stated, of the arm's weight.
+    """Prior standard deviation of a contact's force component, N: FORCE_SHARE of the largest force within torque limits.
 
-    The weight is that on Earth whichever way gravity acts on the model, or none: drives are made for the masses that they move.
+    That force acts at full reach if the joint turns. If no limit is stated, it is the arm's weight. The weight is the one on
+    Earth whatever gravity the model has, because drives are made for the masses that they move.
     """
     known = np.isfinite(arm.tau_max)
     if not known.any():
@@ -48,8 +48,8 @@ def contacts(solved: Solved, arm: Arm) -> Iterator[tuple[int, float, ArmEffect]]
         if len(model.residual) < 8:
             continue
         at = model.link.t[model.measurement.row_samples]
-        # all joints on the rows of the recording, one after the other in each: what a joint cannot use is zero and has no neighbour
-        after = noise.ar.shape[1]  # rows that still carry a push when it is over
+        # all joints on the rows of the recording; rows that a joint cannot use are zero and have no neighbour
+        after = noise.ar.shape[1]  # rows after its end that a push still affects through whitening
         unit, force = force_rows(model), np.zeros((len(at) + after, solved.rows.n, 3))
         whitened, taps = np.zeros((*force.shape[:2], solved.rows.p + 1)), np.zeros((1 + after, *force.shape[:2]))
         for j, (index, part) in enumerate(zip(mine, parts, strict=True)):
@@ -85,7 +85,7 @@ def contacts(solved: Solved, arm: Arm) -> Iterator[tuple[int, float, ArmEffect]]
 
 
 def felt(solved: Solved, left: list[np.ndarray], columns: dict[int, np.ndarray]) -> bool:
-    """Whether more than one joint speaks for a push."""
+    """Whether more than one joint contributes to the evidence for a push."""
     brings = np.zeros(solved.rows.n)
     for j, x in columns.items():
         s = solved.rows.whiten(solved.noise, j, x[:, 0])
@@ -94,7 +94,7 @@ def felt(solved: Solved, left: list[np.ndarray], columns: dict[int, np.ndarray])
 
 
 def push_columns(solved: Solved, item: ArmEffect, log: int) -> dict[int, np.ndarray]:
-    """(R, 1) per joint: torque of a push, as one column."""
+    """(R, 1) per joint: torque of a push as one column."""
     p, out = item.parameters, {}
     force = np.array([p[f"force_{a}"] for a in "xyz"])
     for j in range(solved.rows.n):

@@ -1,6 +1,6 @@
 """The corrected arm: the named effects, and the ordinary parameters where the same fit puts them within their priors.
 
-A name and a refit belong together: with the effect missing, the ordinary parameters would take its place.
+The two belong together: without the effect, the ordinary parameters would take its place.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from sim.slip import SLIP_WIDTH
 
 WIDER = 1.5
 Inertial = tuple[float, np.ndarray, np.ndarray]
-# effect -> its symbol among the uncertain numbers of a model, and its key in sim.prior.spread
+# effect -> its symbol among a model's nuisance parameters, and its key in sim.prior.spread
 ORDINARY = {
     "coulomb_friction": ("Fc", "coulomb"),
     "viscous_friction": ("Fv", "viscous"),
@@ -34,7 +34,7 @@ ORDINARY = {
 
 @dataclass(frozen=True)
 class ArmChange:
-    """Changes of an arm: joint -> (mass kg, com (3,) m, inertia (3, 3) kg m^2 about it) of the link behind it, and effects."""
+    """Changes of an arm: joint -> (mass kg, com (3,) m, inertia (3, 3) kg m^2 about it) of the link it moves, and effects."""
 
     inertials: dict[str, Inertial]
     effects: tuple[ArmEffect, ...]
@@ -51,10 +51,10 @@ class ArmChange:
 
 
 def correction(f: Fit, limits: Sequence[ArmEffect] = (), joints: Collection[int] | None = None) -> ArmChange:
-    """The accepted effects with their standard deviations, what the nuisance of the fit says of masses, friction and rotors, and limits.
+    """The accepted effects with their standard deviations, the fitted masses, friction and reflected inertia, and limits.
 
-    joints: whose friction and rotors alone move, every link stays as it was; None: all move. A contact is an event and not a property.
-    A link whose inertia is named, and the last one under a payload, stay as they are named.
+    joints: only their friction and reflected inertia change, and every link stays as it was; None: all change. A contact is an
+    event and is left out. A link whose inertia is named stays as named, and so does the last link under a payload.
     """
     model, start = f.models[0], f.hypothesis.start
     theta = dict(zip(model.names, f.solved.theta, strict=True))
@@ -77,7 +77,7 @@ def correction(f: Fit, limits: Sequence[ArmEffect] = (), joints: Collection[int]
 
 
 def names_alone(f: Fit, limits: Sequence[ArmEffect] = ()) -> ArmChange:
-    """The accepted effects, and nothing else of the fit; a contact is no property of the arm."""
+    """The accepted effects and nothing else of the fit; a contact is no property of the arm."""
     named = [
         replace(e, parameters={k: float(v) for k, v in e.parameters.items()}, std=finite(e, s))
         for e, s in zip(f.accepted, f.std(), strict=True)
@@ -87,7 +87,7 @@ def names_alone(f: Fit, limits: Sequence[ArmEffect] = ()) -> ArmChange:
 
 
 def _build_up(hypothesis: Hypothesis, effects: Sequence[ArmEffect]) -> list[ArmEffect]:
-    """Presliding friction of the joints whose dry friction was found to build up over clearly more than SLIP_WIDTH."""
+    """Presliding friction of joints whose dry friction builds up over more than WIDER times SLIP_WIDTH."""
     out, have = [], {e.key for e in (*effects, *hypothesis.start.effects)}
     for joint, width in zip(hypothesis.start.joint_names, hypothesis.width, strict=True):
         level = next((e.parameters["coulomb"] for e in effects if e.effect == "coulomb_friction" and e.joint == joint), 0.0)
@@ -97,7 +97,7 @@ def _build_up(hypothesis: Hypothesis, effects: Sequence[ArmEffect]) -> list[ArmE
 
 
 def ripples(f: Fit) -> list[ArmEffect]:
-    """The ripple of every gear that has one, where the fit puts it, with its standard deviations."""
+    """The fitted ripple of every gear that has one, with its standard deviations."""
     names, out = f.models[0].names, []
     for j, (joint, ripple) in enumerate(zip(f.hypothesis.start.joint_names, f.hypothesis.ripples, strict=False)):
         if ripple is None:
@@ -112,7 +112,7 @@ def ripples(f: Fit) -> list[ArmEffect]:
 
 
 def _inertial(arm: Arm, i: int, theta: dict[str, float]) -> Inertial:
-    """Link i: m scales all of it, c moves its centre, I scales its inertia about the centre; a scale never falls below a tenth."""
+    """Link i: m scales mass and inertia, c moves the centre of mass, I scales inertia about it; scales are at least 0.1."""
     prior, tree, k = arm.prior, arm.tree, i + 1
     scale = max(0.1, 1.0 + prior.mass * theta[f"m_{k}"])
     wider = max(0.1, 1.0 + prior.inertia * theta[f"I_{k}"])
@@ -122,7 +122,7 @@ def _inertial(arm: Arm, i: int, theta: dict[str, float]) -> Inertial:
 
 
 def _moved(item: ArmEffect, arm: Arm, theta: dict[str, float]) -> dict[str, float]:
-    """Friction and rotors where the nuisance puts them, never below nothing, and offsets; other effects as they are."""
+    """Fitted friction and reflected inertia, never below zero, and fitted offsets; other effects unchanged."""
     if item.effect not in ORDINARY or item.joint is None:
         return {name: float(value) for name, value in item.parameters.items()}
     j = arm.joint_index(item.joint)
@@ -135,6 +135,6 @@ def _moved(item: ArmEffect, arm: Arm, theta: dict[str, float]) -> dict[str, floa
 
 
 def finite(item: ArmEffect, std: dict[str, float]) -> dict[str, float]:
-    """The standard deviations that an arm's file can hold."""
+    """The standard deviations that an arm's file can hold: finite, positive, and of identifiable parameters."""
     own = {p.name: p for p in effect_named(item.effect).parameters}
     return {k: v for k, v in std.items() if np.isfinite(v) and v > 0 and seen(own[k], item.parameters[k], v)}

@@ -1,4 +1,4 @@
-"""From logs to a verdict: the missing effects by name, the corrected arm, and the gap before and after on logs kept apart."""
+"""From logs to a verdict: the missing effects by name, the corrected arm, the residual before and after on held-out logs."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ from sim.effects import effect_named
 def diagnose(
     arm: Arm, logs: Sequence[Log], holdout: Sequence[Log] = (), progress: Callable[[str], None] = lambda text: None
 ) -> Diagnosis:
-    """The effects that the arm's model lacks, assessed on `logs` and shown on `holdout` (on the last log where none is given)."""
+    """Effects missing from the arm's model, assessed on `logs` and shown on `holdout` (without any, on the last log)."""
     progress("checking")
     trusted, refusal = examined(arm, (*logs, *holdout), logs)
     if refusal is not None:
@@ -46,14 +46,14 @@ def diagnose(
     start = with_unstated(arm, every[: len(logs)])
     every, found = searched((*logs, *holdout), every, len(logs), start, arm, progress)
     fitted, apart = every[: len(logs)], every[len(logs) :]
-    # A limit that was seen to be reached needs no fit: the arm did what the torque allowed, so that clipping its model explains nothing.
+    # A limit that was reached needs no fit: the arm did what the torque allowed, so clipping its model explains nothing.
     reached = limits_reached(arm, (*logs, *holdout))
     limits = tuple(x.effect for x in reached)
     names = names_of(fitted, found, apart, limits, progress)
     found = names.found
     progress("testing the corrected arm")
     promotion = promoted(fitted, names.written, found.baseline, apart, limits)
-    # what the following error shows is there, whatever the torque of a model with it is worth
+    # an effect that the following error shows exists, even if it does not improve the torque prediction
     shown_otherwise = found.best.hypothesis.observed
     names = names.without([r.effect for r in promotion.refused if not r.by_law and r.effect.key not in shown_otherwise])
     refit = correction(as_written(fitted, found.baseline))
@@ -70,7 +70,7 @@ def diagnose(
     noise = found.best.solved.noise
     result["gap"]["noise_floor"] = [] if noise.bound else [float(x) for x in noise.sigma]
     result |= {
-        "noise_source": None if noise.bound else "what an additive basis and all candidate effects leave of the recordings",
+        "noise_source": None if noise.bound else "what an additive basis and all candidate effects leave in the recordings",
         "false_names": _false_names(names),
         "possible": _possible(fitted, names, [*names.effects, *limits, *(r.effect for r in promotion.refused)]),
         "refused": refused,
@@ -83,16 +83,17 @@ def diagnose(
 
 
 def _entries(arm: Arm, names: Names, promotion: Promotion, reached: Sequence[Limit]) -> list[dict[str, Any]]:
-    """The effects of diagnosis.json: what was fitted, by its share of the gap of the torque, then the limits.
+    """The effects of diagnosis.json: the fitted ones by their share of the torque gap, then the limits.
 
-    Of an effect of one joint it is what the fit says in which the lead of every joint's friction is free: without it, it goes into the parameters of
-    friction (presliding stiffness 20 % high on the exam, 2 % with it). Of one of the whole arm it is what the arm folder holds, fitted with fewer free
-    numbers: slightly the better of the two (of 20 payloads, tilts and forces of used exams 32 parameters are nearer, 21 are not).
+    A joint effect comes from the fit in which the lead of every joint's friction is free. Otherwise that lead goes into the
+    friction parameters (presliding stiffness 20 % high on the exam, 2 % with it). An effect of the whole arm is given as the
+    arm folder holds it, fitted with fewer free parameters. That is slightly the better of the two: of 20 payloads, tilts and
+    forces of used exams, 32 parameters are nearer to the truth and 21 are not.
     """
     observed = names.fit.hypothesis.observed
 
     def of_torque(a: Assessed) -> float:
-        """What an effect explains without what another channel shows of it."""
+        """What an effect explains, less what another channel shows of it."""
         one = observed.get(a.effect.key)
         return max(a.lost - (one.loss(0.0) if one else 0.0), 0.0)
 
@@ -109,13 +110,13 @@ def _entries(arm: Arm, names: Names, promotion: Promotion, reached: Sequence[Lim
             made["measured_by"] = "following error"
         entries.append(made | {"false_name_rate": names.null.rate(a.effect.key, a.lost)})
     entries.sort(key=lambda x: -x["gap_share"])
-    # a limit is fitted to no torque: the arm did what it allowed
+    # a limit is not fitted to torque: the arm did what it allowed
     limits = [entry(arm, x.effect, {"limit": x.std}, x.confidence, 0.0) for x in reached]
     return entries + [x | {"measured_by": "lag behind the command"} for x in limits]
 
 
 def _false_names(names: Names) -> dict[str, Any]:
-    """chance: how often, without an effect, some candidate brings as much as the strongest that the search left unnamed."""
+    """chance: how often, without any effect, some candidate brings as much as the strongest one left without a name."""
     left = [s for s in (names.found.ladder[-1] if names.found.ladder else []) if s.effect.effect != CONTACT]
     chance = min((names.null.rate(s.key, s.gain) for s in left), default=1.0)
     return {"simulated": len(names.null.largest), "chance": chance}
@@ -132,6 +133,6 @@ def _possible(fitted: Sequence[Measurement], names: Names, have: Sequence[ArmEff
 
 
 def _gaps(given: Arm, changes: dict[str, ArmChange | None], start: Arm, shown: list[Measurement]) -> dict[str, Any]:
-    """RMS per joint on the logs kept apart: as given, after an ordinary refit, and of the corrected arm."""
+    """RMS per joint on `shown`: of the given arm, after an ordinary refit, and of the corrected arm."""
     arms = {"before": given} | {key: start if change is None else change.of(start) for key, change in changes.items()}
     return gaps(arms, shown)

@@ -1,4 +1,4 @@
-"""Accepted effects, nuisance and noise fitted together: Gauss-Newton on the exact torque path, all logs at once."""
+"""Joint fit of accepted effects, nuisance and noise: Gauss-Newton on the exact torque path, all logs at once."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ from sim.arm import Arm, ArmEffect
 class Fit:
     """A fitted hypothesis.
 
-    joint        the nuisance with the accepted parameters free beside it
-    objective    -2 log likelihood with the noise's own scale and of what was observed, and the prior's share; lower is better
+    joint        solution with the accepted parameters free beside the nuisance
+    objective    -2 log likelihood of the rows under the noise and of observed parameters, plus the prior's share; lower is better
     covariance   (k, k) of the accepted parameters in the order of `parameters_of`, in fitting units
     """
 
@@ -42,7 +42,10 @@ class Fit:
         return self.hypothesis.accepted
 
     def std(self) -> list[dict[str, float]]:
-        """Standard deviation of every parameter of every accepted effect, 0 where it was chosen and not fitted, infinite where no row shows it."""
+        """Standard deviation of every parameter of every accepted effect.
+
+        0 if it was chosen and not fitted, infinite if no row shows it; for an observed effect, that of the observation.
+        """
         deviation = np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
         out = [dict.fromkeys(e.parameters, 0.0) for e in self.accepted]
         for (i, p), s in zip(parameters_of(self.accepted), deviation, strict=True):
@@ -63,10 +66,10 @@ def fit(
     like: Sequence[LogModel] = (),
     touched: Collection[int] | None = None,
 ) -> Fit:
-    """Fit the accepted effects' parameters from where they stand; at most `rounds` steps.
+    """Fit the accepted effects' parameters from their present values, in at most `rounds` steps.
 
-    noise: of the recordings; None takes the residuals' own, which is right only for a first guess. like: models of the same
-    measurements, whose parts are taken over where they hold. touched: joints whose dry friction builds up anew (None: all).
+    noise: of the recordings; None uses the residuals' own, right only for a first guess. like: models of the same measurements,
+    whose parts are reused where they hold. touched: joints whose build-up of dry friction is refitted (None: all).
     """
     joints = range(hypothesis.arm.n) if touched is None else touched
     guess = noise is None
@@ -93,7 +96,7 @@ SHARES, SETTLED = (1.0, 0.3, 0.1), 1.0
 
 @dataclass
 class _Point:
-    """A hypothesis with its rows, the nuisance fitted beside it, and how its accepted parameters change the torque."""
+    """A hypothesis with its rows, the nuisance fitted to them, and the torque's sensitivity to the accepted parameters."""
 
     hypothesis: Hypothesis
     models: list[LogModel]
@@ -117,7 +120,7 @@ class _Point:
         return _Point(hypothesis, models, noise, rows, solved, objective(solved) + loss_of(hypothesis.observed, hypothesis.arm))
 
     def joint(self) -> tuple[Solved, np.ndarray]:
-        """The fit with the accepted parameters free as well, and their scales (k,)."""
+        """The solution with the accepted parameters free as well, and their scales (k,)."""
         if self._joint is None:
             columns = columns_of(self.models, self.hypothesis)
             prior = _prior(columns, self.hypothesis)
@@ -126,7 +129,7 @@ class _Point:
         return self._joint
 
     def step(self, joints: Collection[int]) -> Callable[[float], Hypothesis]:
-        """Share of the Gauss-Newton step -> hypothesis; dry friction of `joints` builds up anew."""
+        """Share of the Gauss-Newton step -> hypothesis; the build-up of dry friction moves at `joints`."""
         joint, scales = self.joint()
         p = self.rows.p
 
@@ -137,29 +140,30 @@ class _Point:
         return moved_by
 
     def fit(self) -> Fit:
-        """What is known at this point."""
+        """The fit at this point."""
         joint, scales = self.joint()
         p = self.rows.p
         covariance = joint.inverse[p:, p:] * np.outer(scales, scales)
         return Fit(self.hypothesis, self.models, self.solved, joint, self.objective, covariance)
 
 
-WIDE = 1e3  # prior standard deviation of an accepted parameter, in columns of unit whitened size
-# Prior standard deviation of an observed parameter over that of the observation: small, so that it stays where it was observed. The torque says
-# little of its size and much of the instants at which the effect acts, which the model misses by some ms: half gaps of the exam (seed 26112851) came
-# out at .43 and .70 of the truth from torque and following error together, at .59 and .97 from the following error alone.
+WIDE = 1e3  # prior standard deviation of an accepted parameter times the norm of its column
+# Prior standard deviation of an observed parameter over that of the observation: small, so that the parameter stays there. The
+# torque says little about its size and much about the instants at which the effect acts, which the model misses by some ms.
+# Half gaps of the exam (seed 26112851) came out at 0.43 and 0.70 of the truth from torque and following error together, at 0.59
+# and 0.97 from the following error alone.
 HELD = 1e-3
 
 
 def objective(solved: Solved) -> float:
-    """-2 log likelihood (Huber's loss) of all rows under the noise, but for a constant, plus the prior's share."""
+    """-2 log likelihood (Huber's loss) of all rows under the noise, up to a constant, plus the prior's share."""
     total = sum(huber(e) for e in solved.left())
     off = solved.theta - solved.rows.mean
     return float(total + off @ off)
 
 
 def loss_of(observed: Mapping[Key, Observed], arm: Arm) -> float:
-    """-2 log likelihood of observed parameters under an arm, but for a constant."""
+    """-2 log likelihood of observed parameters under an arm, up to a constant."""
     total = 0.0
     for (effect, joint), one in observed.items():
         own = arm.effect(effect, joint)
@@ -168,10 +172,11 @@ def loss_of(observed: Mapping[Key, Observed], arm: Arm) -> float:
 
 
 def _prior(columns: list[list[np.ndarray]], hypothesis: Hypothesis) -> tuple[np.ndarray, np.ndarray]:
-    """(k,) prior standard deviation of every accepted parameter, and (k,) its middle in units of it from where the parameter stands.
+    """(k,) prior standard deviation of every accepted parameter, and (k,) prior mean in units of it.
 
-    The deviation is WIDE over the column's size, or the parameter's own, or that of a contact's force, whose middle is none, or HELD times that of
-    what was observed.
+    The mean counts from the present value. The deviation is WIDE over the column's norm or the parameter's own, whichever is
+    smaller. That of a contact's force is `force_spread`, with mean zero force. That of an observed parameter is HELD times the
+    observation's, with the observed value as mean.
     """
     scale, mean = np.zeros(len(columns)), np.zeros(len(columns))
     for k, ((i, p), per_log) in enumerate(zip(parameters_of(hypothesis.accepted), columns, strict=True)):
@@ -189,6 +194,6 @@ def _prior(columns: list[list[np.ndarray]], hypothesis: Hypothesis) -> tuple[np.
 
 
 def _joined(rows: ResidualRows, columns: list[list[np.ndarray]], scale: np.ndarray, mean: np.ndarray) -> ResidualRows:
-    """The rows with the accepted parameters' columns behind the nuisance, scaled to their priors."""
+    """The rows with the accepted parameters' columns after the nuisance, scaled by their priors."""
     extra = [[rows.take(j, [c[:, j] for c in per_log]) for per_log in columns] for j in range(rows.n)]
     return rows.beside([np.stack(of_joint, axis=1) * scale for of_joint in extra], mean)

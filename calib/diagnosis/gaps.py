@@ -1,7 +1,8 @@
-"""The residual RMS of arms on recordings: of all rows in motion, and of those in which a joint slides, which can be compared with noise.
+"""Residual RMS of arms on recordings: over rows in motion, and over those in which a joint slides, comparable with noise.
 
-Around a change of direction a position-controlled joint stands for some hundredths of a second while its drive builds up torque. Dry
-friction holds whatever that is, so that the true arm too is off there by up to twice the dry friction; no noise is measured in these rows.
+Around a change of direction a position-controlled joint sticks for some hundredths of a second while its drive builds up
+torque. Dry friction holds whatever that is, so even the true arm is off there by up to twice the dry friction. No noise is
+measured in these rows.
 """
 
 from __future__ import annotations
@@ -17,9 +18,9 @@ from sim.arm import Arm
 
 
 def gaps(arms: Mapping[str, Arm], shown: Sequence[Measurement]) -> dict[str, Any]:
-    """N m of each joint for each arm, and the same under `sliding`; None there for a joint that never slides.
+    """Per arm the RMS N m of each joint, and the same under `sliding`, with None for a joint that never slides.
 
-    RMS of rows filtered as the fit's are: 10 Hz, from the first motion to the last.
+    The rows are filtered as in the fit (10 Hz), from the first motion to the last.
     """
     errors, slides = (
         {key: torque_errors(arm, shown) for key, arm in arms.items()},

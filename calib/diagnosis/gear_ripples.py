@@ -1,7 +1,7 @@
-"""The ripple of every gear, found before any effect is looked for and fitted beside all of them.
+"""Ripple of every gear, found before the search for effects and fitted beside all of them.
 
-Left out, it does more than add noise: the drive answers it, so the motion and the torque follow it together, and that looks like a torque
-reading which comes early.
+Left out, it is more than noise: the drive responds to it, so motion and torque follow it together, which looks like a torque
+reading that comes early.
 """
 
 from __future__ import annotations
@@ -21,20 +21,20 @@ from sim.effects.gear_ripple import GearRipple
 
 
 def with_gear_ripples(f: Fit) -> Hypothesis:
-    """The hypothesis of a fit with the ripple of each joint whose residual shows one clearly; a joint whose ripple the arm holds has it already."""
+    """The hypothesis of a fit with each ripple that a joint's residual shows clearly, unless the arm holds one there."""
     start = f.hypothesis.start
     held = [start.effect(GearRipple.name, joint) is not None for joint in start.joint_names]
     return replace(f.hypothesis, ripples=tuple(None if held[j] else _ripple(f.models, f.solved, j) for j in range(start.n)))
 
 
 def _ripple(models: Sequence[LogModel], solved: Solved, j: int) -> Ripple | None:
-    """The strongest ripple of joint j, None where none stands out."""
+    """The strongest ripple of joint j; None if none stands out."""
     rows, at = solved.rows, [m.measurement.row_samples for m in models]
     q = rows.take(j, [m.reading[k, j] for m, k in zip(models, at, strict=True)])
     dq = rows.take(j, [m.measurement.trajectory.dq[k, j] for m, k in zip(models, at, strict=True)])
 
     def white(cycles: float) -> np.ndarray:
-        """(R, 2) whitened rows of a ripple of unit size."""
+        """(R, 2) white rows of a ripple of unit size."""
         return rows.whiten(solved.noise, j, rows.take(j, [m.rows(waves(cycles, m.reading[:, j])) for m in models]))
 
     cycles = ripple_cycles(

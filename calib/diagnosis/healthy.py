@@ -1,6 +1,6 @@
-"""What a healthy arm does beside its model: a law of all joint effects of the catalogue at once, regularised by a Gaussian prior.
+"""Behaviour of a healthy arm beyond its model: a law of all joint effects of the catalogue at once, under a Gaussian prior.
 
-It is fitted to the healthy logs; each of them in turn is left out and predicted by the others, which gives the noise of a new log.
+It is fitted to the healthy logs. Leaving out each in turn and predicting it from the others gives the noise of a new log.
 """
 
 from __future__ import annotations
@@ -17,15 +17,15 @@ from calib.regression.noise import Noise, noise_of
 from calib.regression.normal_equations import inverse_root
 from sim.effects import effect_named
 
-# Prior standard deviation of each column of the law, of what plain friction leaves at the joint.
+# Prior standard deviation of each column of the law, over the residual RMS that the nuisance leaves at the joint.
 LAW_SPREAD = 0.3
-LATE = 10.0  # prior standard deviations: an arm's own delay is learnt, not supposed
-CORRELATED = 3.0  # rows that say what one independent row would, on real arms (integrated autocorrelation of their residuals)
+LATE = 10.0  # prior standard deviations: the delay of an arm is learnt, not assumed
+CORRELATED = 3.0  # rows that are worth one independent row, on real arms (integrated autocorrelation of their residuals)
 
 
 @dataclass(frozen=True)
 class HealthyLaw:
-    """Torque of the healthy arm beside its model: columns L = [X D] of its nuisance and of the law, their mean (P,) and covariance root root'.
+    """Torque of the healthy arm beyond its model: columns L = [X D] of nuisance and law, mean (P,), covariance root root'.
 
     scale: per joint the RMS of D's columns on the healthy logs.
     """
@@ -35,7 +35,7 @@ class HealthyLaw:
     root: np.ndarray
 
     def rows(self, models: list[LogModel]) -> ResidualRows:
-        """The rows of logs beside the healthy arm: residuals of its prediction, and columns of what is uncertain in it."""
+        """Rows of logs beside the healthy arm: residuals of its prediction, and columns of its uncertainty."""
         rows = ResidualRows(models)
         own = []
         for j, columns in enumerate(_columns(rows, self.scale)):
@@ -45,7 +45,7 @@ class HealthyLaw:
 
 
 class Folds:
-    """The law's sums over the healthy logs, one by one, so that each can be left out."""
+    """Sums of the law over the healthy logs, one by one, so that each can be left out."""
 
     def __init__(self, models: list[LogModel]) -> None:
         self.models = models
@@ -56,7 +56,7 @@ class Folds:
         self.scale = [_rms(together.take(j, d)) for j, d in enumerate(_dictionary(models))]
         count = sum(len(s) for s in self.scale)
         p = together.p
-        # prior of the nuisance as it is, of the law by what friction leaves
+        # the nuisance has its own prior, the law one scaled by the residual RMS
         self.prior = np.concatenate(
             [
                 np.where(np.array(models[0].names) == "delay", LATE**-2, 1.0),
@@ -72,7 +72,7 @@ class Folds:
             a, g = np.zeros((len(self.prior),) * 2), np.zeros(len(self.prior))
             for j, columns in enumerate(_columns(rows, self.scale)):
                 x, r = rows.whiten(white, j, columns), rows.whiten(white, j, rows.r[j])
-                # neighbouring rows say much the same: each counts for as much as its colour leaves
+                # neighbouring rows are correlated, so each counts as a fraction of a row
                 a += x.T @ x / CORRELATED
                 g += x.T @ r / CORRELATED
             self.parts.append((a, g))
@@ -86,7 +86,7 @@ class Folds:
         self.noise = noise_of([np.concatenate(e) for e in errors], [np.concatenate(x) for x in joined], ORDER)
 
     def law(self, without: int | None = None) -> HealthyLaw:
-        """The law of all healthy logs but one."""
+        """The law of all healthy logs, or of all but one."""
         a = np.diag(self.prior) + np.sum([x for k, (x, _) in enumerate(self.parts) if k != without], axis=0)
         g = np.sum([x for k, (_, x) in enumerate(self.parts) if k != without], axis=0)
         root = inverse_root(a, 1e-10)
@@ -94,12 +94,12 @@ class Folds:
 
 
 def _rms(x: np.ndarray) -> np.ndarray:
-    """(m,) of columns (R, m); 1 where a joint that stands has no rows."""
+    """(m,) RMS of columns (R, m); 1 if a joint that stands still has no rows."""
     return np.sqrt(np.mean(x**2, axis=0)) if len(x) else np.ones(x.shape[1])
 
 
 def _dictionary(models: list[LogModel]) -> list[list[np.ndarray]]:
-    """Per joint and log (R, m): every joint effect of the catalogue that acts on that joint's torque alone."""
+    """Per joint and log (R, m): every joint effect of the catalogue that acts on that torque alone, without `many` ones."""
     n = models[0].n
     out: list[list[list[np.ndarray]]] = [[[] for _ in models] for _ in range(n)]
     for c in candidates(models):
@@ -111,7 +111,7 @@ def _dictionary(models: list[LogModel]) -> list[list[np.ndarray]]:
 
 
 def _columns(rows: ResidualRows, scale: list[np.ndarray]) -> Iterable[np.ndarray]:
-    """Per joint L (R, P): its nuisance and its own part of the law."""
+    """Per joint L (R, P): the nuisance and the joint's part of the law."""
     total = sum(len(s) for s in scale)
     first = 0
     for j, d in enumerate(_dictionary(rows.models)):

@@ -1,4 +1,4 @@
-"""What a fit predicts of recordings that were kept apart."""
+"""Predictions of a fit for held-out recordings."""
 
 from __future__ import annotations
 
@@ -19,9 +19,10 @@ from calib.regression.robust import huber
 
 @dataclass(frozen=True)
 class HeldOut:
-    """losses (n,): Huber's, whitened, of the rows of every joint in logs that were not fitted, with every parameter as it was fitted.
+    """losses (n,): Huber's loss of every joint's rows after whitening, in held-out logs, with all parameters as fitted.
 
-    beside: the same of what was observed beside the torque; it was fitted with these logs too, and counts here for what they show of it.
+    beside: loss of the parameters that another channel shows in these logs. They were fitted with these logs too, but count
+    here only for what these logs show.
     errors: per joint (R_j,) N m.
     """
 
@@ -32,7 +33,7 @@ class HeldOut:
 
     @staticmethod
     def of(f: Fit, apart: Sequence[Measurement], like: Sequence[LogModel] = ()) -> HeldOut:
-        """Of a fit on logs kept apart; like: models of these logs, whose parts are taken over where they hold."""
+        """Predictions of a fit for held-out logs; like: models of these logs, whose parts are reused where they hold."""
         noise, theta = f.solved.noise, within_prior(f.models[0].names, f.solved.theta)
         losses = np.zeros(f.hypothesis.arm.n)
         errors: list[list[np.ndarray]] = [[np.zeros(0)] for _ in range(f.hypothesis.arm.n)]
@@ -48,7 +49,7 @@ class HeldOut:
         return HeldOut(losses, beside, [np.concatenate(parts) for parts in errors], models)
 
     def rise(self, before: HeldOut, joints: Sequence[int]) -> float:
-        """Relative rise of the RMS error over some joints, each in units of its error before; 0 where it is within WORSE or not significant."""
+        """Relative rise of the RMS error over some joints, each over its error before; 0 if within WORSE or insignificant."""
         series = [excess(self.errors[j], before.errors[j], 1.0 + WORSE) for j in joints if len(before.errors[j])]
         if not series or not positive(series):
             return 0.0

@@ -1,4 +1,4 @@
-"""An arm with the effects accepted so far, and how its dry friction builds up: what a recording is explained by."""
+"""A hypothesis that explains recordings: an arm with the effects accepted so far, and how its dry friction builds up."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ CONTACT = "external_contact"
 class Hypothesis:
     """An arm with the effects accepted so far, and how its dry friction builds up: width (n,) rad, lead (n,) s, delay s.
 
-    observed: parameters of effects as another channel than the torque shows them, in any of the recordings, held-out ones too.
-    written: as an arm folder can hold it, where dry friction has no lead.
-    ripples: per joint the ripple of its gear, found before any effect (calib.diagnosis.gear_ripples); empty: not looked for.
+    observed: effect parameters that another channel than the torque shows, in any recording, held-out ones too.
+    written: as an arm folder can hold it, without a lead of dry friction.
+    ripples: per joint the ripple of its gear, found before any effect (calib.diagnosis.gear_ripples); empty without a search.
     """
 
     arm: Arm
@@ -42,7 +42,7 @@ class Hypothesis:
         return self.nominal_arm or self.arm
 
     def with_effects(self, accepted: tuple[ArmEffect, ...], event_log: int | None = None) -> Hypothesis:
-        """The same dry friction and delay with other effects; an external contact belongs to one log only, by default the one it was in."""
+        """The same dry friction and delay with other effects; a contact belongs to one log, by default the one it was in."""
         arm, event = self.start, self.event_log if event_log is None else event_log
         for item in accepted:
             if item.effect != CONTACT:
@@ -51,7 +51,7 @@ class Hypothesis:
         return replace(self, arm=arm, accepted=accepted, nominal_arm=self.start, event_log=event if touched else None)
 
     def event(self, log: int) -> ArmEffect | None:
-        """The contact that happened in that log, if any was accepted."""
+        """The contact in that log, if one was accepted."""
         if log != self.event_log:
             return None
         return next((e for e in self.accepted if e.effect == CONTACT), None)
@@ -66,12 +66,12 @@ class Hypothesis:
 
     @staticmethod
     def nominal(arm: Arm, observed: Mapping[Key, Observed] | None = None) -> Hypothesis:
-        """Nothing accepted yet."""
+        """The hypothesis before any effect is accepted."""
         return Hypothesis(arm, np.full(arm.n, SLIP_WIDTH), np.full(arm.n, 3e-3), observed=observed or {})
 
 
 def recentred(hypothesis: Hypothesis, names: list[str], theta: np.ndarray, joints: Collection[int]) -> Hypothesis:
-    """The hypothesis with width and lead of some joints moved to where the fit puts them; the rest of the nuisance stays linear."""
+    """The hypothesis with width and lead of `joints` moved to where the fit puts them; other nuisance stays linear."""
     at = {name: k for k, name in enumerate(names)}
     width, lead = hypothesis.width.copy(), hypothesis.lead.copy()
     for j in joints:

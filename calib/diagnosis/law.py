@@ -1,4 +1,4 @@
-"""What the named effects leave, as a friction law of stated terms: written into the arm where it predicts recordings left out."""
+"""A friction law of stated terms for what the named effects leave, written into the arm if it predicts left-out recordings."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ from sim.arm import Arm, ArmEffect
 from sim.effects.friction_law import FAMILIES, TERMS, FrictionLaw, formula
 from sim.passivity import driving_friction
 
-HELD = 1e-4  # prior standard deviations that what is held may move
-FREE = 10.0  # prior standard deviations that friction may move farther beside a law
-SHAPE = 0.5  # relative deviation of an effect's shape parameter
-# which families of terms are tried together; a linear term is viscous friction, which the fit has anyway
+HELD = 1e-4  # standard deviation of a held parameter, over its prior's
+FREE = 10.0  # factor on the prior standard deviation of friction beside a law
+SHAPE = 0.5  # relative standard deviation of an effect's shape parameter
+# families of terms that are tried together; the linear term is viscous friction, which the fit has anyway
 SETS = tuple(
     tuple(TERMS.index(name) for family in families for name in FAMILIES[family] if name != "power_1")
     for families in (("slip",), ("slip", "speed", "stribeck"), ("slip", "speed", "stribeck", "load"))
@@ -33,7 +33,7 @@ WITHOUT_SPEED = tuple(tuple(k for k in terms if k not in SPEED) for terms in SET
 
 @dataclass(frozen=True)
 class Law:
-    """The friction law of a joint; RMS N m of recordings left out without it and with it."""
+    """The friction law of a joint, and the RMS N m of left-out recordings without and with it."""
 
     effect: ArmEffect
     without: float
@@ -53,9 +53,9 @@ class Law:
 
 @dataclass(frozen=True)
 class Refitted:
-    """A fit written with laws: the correction, its laws, and (n,) N m RMS error of recordings left out without laws and with them.
+    """A fit written with laws: the correction, its laws, and (n,) N m RMS error of left-out recordings without and with laws.
 
-    In these errors everything is fitted to the other recordings, the names' parameters too.
+    For these errors everything is fitted to the other recordings, parameters of named effects included.
     """
 
     change: ArmChange
@@ -66,7 +66,7 @@ class Refitted:
 
 @dataclass(frozen=True)
 class Split:
-    """The recordings of a fit in parts that can be left out; the prior of what is fitted to them: ordinary parameters, then the `named` of effects."""
+    """Parts of a fit's recordings that can be left out, and the prior of what is fitted: ordinary parameters, then `named`."""
 
     parts: list[Part]
     mean: np.ndarray
@@ -75,7 +75,7 @@ class Split:
 
     @staticmethod
     def of(written: Fit, pieces: int = 1) -> Split:
-        """pieces: of each recording."""
+        """pieces: number of parts of each recording."""
         named, mean, precision = _names(written)
         parts = [piece for k, m in enumerate(written.models) for piece in _part(m, [c[k] for c in named]).cut(pieces)]
         names = written.models[0].names
@@ -91,11 +91,12 @@ def with_laws(
     joints: Collection[int] | None = None,
     held: Collection[int] = (),
 ) -> Refitted:
-    """The correction of a fit, with laws at those joints of `only` where parts of the recordings left out are predicted better.
+    """The correction of a fit, with laws at those joints of `only` where left-out parts of the recordings are predicted better.
 
-    The ordinary parameters are fitted again without whitening: what is slow in the residual counts here, as it does for whoever
-    uses the arm. Friction may move farther than its prior, because a law takes its place. joints: whose friction and rotors alone
-    move, every link stays as it was; None: all move. held: joints whose ordinary parameters and link stay as they were.
+    The ordinary parameters are fitted again without whitening: a slow residual counts here, as it does for users of the arm.
+    Friction may move farther than its prior, because a law takes its place. A law that would drive its joint is left out.
+    joints: only their friction and reflected inertia change, and every link stays as it was; None: all change.
+    held: joints whose ordinary parameters and link stay as they were.
     """
     names, start = written.models[0].names, written.hypothesis.start
     precision = split.precision.copy()
@@ -114,19 +115,19 @@ def with_laws(
 
 
 def _driven(start: Arm, change: ArmChange, found: FrictionFit, speeds: np.ndarray) -> set[int]:
-    """The joints that a law drives at some speed up to `speeds` (n,), their limits, with more torque than its error.
+    """Joints that a law drives at some speed up to `speeds` (n,), with more torque than its error.
 
-    Beyond the speeds of the recordings a fitted curve means nothing, and must not make a simulation run away.
+    Beyond the recorded speeds a fitted curve means nothing, and it must not make a simulation run away.
     """
     before, after = (driving_friction(arm, speeds, found.predicted) for arm in (start, change.of(start)))
     return {start.joint_index(x.joint) for x in after} & set(found.joints) - {start.joint_index(x.joint) for x in before}
 
 
 def _names(f: Fit) -> tuple[list[list[np.ndarray]], np.ndarray, np.ndarray]:
-    """Columns of the names' parameters per log (R, n), and mean and precision of how far each is from where it stands.
+    """Columns (R, n) per log of the named effects' parameters, and prior mean and precision of their change.
 
-    The prior's middle is that the effect is absent, with the distance to there as its deviation: recordings that do not show an
-    effect do not have it. A shape, which has no such value, may change by a factor.
+    The prior mean is the absence of the effect, and the distance to it is the standard deviation: recordings that do not show
+    an effect do not support it. A shape parameter has no such value and may change by a factor.
     """
     columns, mean, precision = [], [], []
     for (i, p), column in zip(parameters_of(f.accepted), columns_of(f.models, f.hypothesis), strict=True):
@@ -141,7 +142,7 @@ def _names(f: Fit) -> tuple[list[list[np.ndarray]], np.ndarray, np.ndarray]:
 
 
 def _part(m: LogModel, named: Sequence[np.ndarray]) -> Part:
-    """All rows in motion, reversals too, which show how friction builds up; the names' columns stand behind the ordinary ones."""
+    """All rows in motion, reversals too, which show how friction builds up; columns of named effects after the ordinary."""
     law, keep = FrictionLaw(), m.measurement.row_moving
     d = [m.rows(law.terms(m.joint_state(j), 0))[keep] for j in range(m.n)]
     x = [np.zeros((keep.sum(), len(m.names) + len(named))) for _ in range(m.n)]
@@ -152,7 +153,7 @@ def _part(m: LogModel, named: Sequence[np.ndarray]) -> Part:
 
 
 def _corrected(written: Fit, found: FrictionFit, limits: Sequence[ArmEffect], joints: Collection[int] | None) -> ArmChange:
-    """The correction whose ordinary parameters are those of the fit beside the laws."""
+    """The correction with the ordinary parameters of the fit beside the laws."""
     start = written.hypothesis.start
     theta = np.maximum(found.theta, written.models[0].least)
     change = correction(replace(written, solved=replace(written.solved, theta=theta)), limits, joints)

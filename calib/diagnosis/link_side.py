@@ -1,4 +1,4 @@
-"""One measurement up to the load on the gears: the path of the links and the columns of their inertial parameters."""
+"""One measurement up to the load on the gears: motion of the links and columns of their inertial parameters."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ from sim.prediction import Stages, by_stage, dahl, gear_side, link_side
 from sim.rigid_body import RigidBody, link_parameters
 from sim.torque_path import PathState, Slip
 
-AT_ONCE = 1000  # samples of which the regressor is in memory before it is filtered
+AT_ONCE = 1000  # samples whose regressor is in memory before filtering
 FRICTION_LAW = FrictionLaw()
-# of a path, what stages behind the gear fill
+# fields of a path that stages after the gear fill
 FILLED = ("level", "width", "warmth", "slip", "tau")
-# and what moves and loads each joint
+# and those that hold motion and load of each joint
 MOVES = ("q", "dq", "ddq", "load")
 
 
 @dataclass(frozen=True)
 class MotorMotion:
-    """Motion of a joint's motor and load on its gear, (N, 1) each and read-only: what the effects at the joint and in its gear leave of the links'."""
+    """Motor motion and gear load of one joint after the effects at the joint and in its gear, (N, 1) each, read-only."""
 
     load: np.ndarray
     q_motor: np.ndarray
@@ -36,7 +36,7 @@ class MotorMotion:
 
     @staticmethod
     def of(state: PathState) -> MotorMotion:
-        """Of the path of one joint."""
+        """From the path of one joint."""
         motion = MotorMotion(state.load, state.q_motor, state.dq_motor, state.ddq_motor)
         for x in vars(motion).values():
             x.flags.writeable = False
@@ -44,9 +44,10 @@ class MotorMotion:
 
 
 class JointSide:
-    """Motion and load of one joint (N, 1), rows (R, 5 (n - j)) of the uncertain numbers of the links from its own on, and what was computed from them so far.
+    """Motion and load of one joint (N, 1), its inertial rows (R, 5 (n - j)) for the links from its own on, and caches.
 
-    motions: of its motor, and their slips; paths: its torque with given effects; columns: of candidates there; whites: rows of all recordings, of which this is the first.
+    motions: of its motor, and their slips; paths: its torque under given effects; columns: of candidates there; whites: rows of
+    all recordings after whitening, on the side of the first recording.
     """
 
     def __init__(self, path: PathState, inertial: np.ndarray, j: int) -> None:
@@ -58,7 +59,7 @@ class JointSide:
         self.whites = ArrayCache()
 
     def same(self, path: PathState, inertial: np.ndarray, j: int) -> bool:
-        """Whether joint j of that path moves and is loaded alike."""
+        """Whether joint j of that path has the same motion, load and inertial rows."""
         return all(np.array_equal(x[:, 0], getattr(path, k)[:, j]) for k, x in self.motion.items()) and np.array_equal(
             self.inertial, inertial
         )
@@ -67,9 +68,11 @@ class JointSide:
 class LinkSide:
     """One measurement up to the load on the gears: path, rigid-body columns, and what was computed from them so far.
 
-    Models whose links move alike share it. like: of the same measurement; lends the motion and the regressor where the links move alike with
-    other masses, and the joints that other masses leave as they are. kept: columns that depend on all joints. mass (n,) kg of the links without any
-    accepted effect.
+    Models whose links move alike share it.
+    like: of the same measurement. It lends motion and regressor if the links move alike, even with other masses, and the joints
+    that other masses leave unchanged.
+    kept: columns that depend on all joints.
+    mass (n,): kg of the links without any accepted effect.
     """
 
     def __init__(
@@ -104,11 +107,11 @@ class LinkSide:
 
     @cached_property
     def largest_load(self) -> np.ndarray:
-        """(n,) N m through the gears, exceeded in one sample of a hundred."""
+        """(n,) N m through the gears, exceeded in 1 % of the samples."""
         return np.asarray(np.quantile(np.abs(self.path.load), 0.99, axis=0))
 
     def joint(self, j: int, before: Sequence[ArmEffect], instead: Effect | None = None) -> PathState:
-        """The path of joint j alone up to its gear, whose effects are `before`; all that later stages change in arrays of its own.
+        """The path of joint j alone up to its gear, with effects `before`; arrays that later stages change are its own.
 
         instead: a law in place of one of them.
         """
@@ -121,7 +124,7 @@ class LinkSide:
         return self._alone(j, own.motion | vars(motor))
 
     def slip(self, j: int, before: Sequence[ArmEffect]) -> Slip:
-        """Dahl's law along the motion that the effects `before` leave: the same again where the width is one number and the same."""
+        """Dahl's law along the motion that the effects `before` leave; cached if the width is constant."""
 
         def known(state: PathState, joint: int, lead: float) -> np.ndarray:
             width = state.width[:, joint]
@@ -148,7 +151,7 @@ class LinkSide:
         return PathState(**(blank | motion), t=path.t, force=path.force, warming=warming)
 
     def law(self, j: int, p: Values, before: Sequence[ArmEffect]) -> np.ndarray:
-        """(N, 1) N m of a friction law of joint j on the motion and the load that the effects `before` it leave of the links'."""
+        """(N, 1) N m of a friction law of joint j, on the motion and load that the effects `before` it leave."""
 
         def torque() -> np.ndarray:
             state = self.joint(j, before)
@@ -177,7 +180,7 @@ class LinkSide:
 
 
 def _up_to_the_load(path: PathState) -> PathState:
-    """The same in columns that lie together, read-only, without memory for what later stages fill."""
+    """The same in contiguous, read-only columns, without memory for what later stages fill."""
     columns = {k: np.asfortranarray(getattr(path, k)) for k in MOVES}
     for x in columns.values():
         x.flags.writeable = False
@@ -186,7 +189,7 @@ def _up_to_the_load(path: PathState) -> PathState:
 
 
 def alone(effects: Iterable[ArmEffect], arm: Arm) -> list[ArmEffect]:
-    """The same effects at the first joint: that of a path of one joint."""
+    """The same effects at the first joint, as on a path of one joint."""
     return [ArmEffect(e.effect, arm.joint_names[0], e.parameters) for e in effects]
 
 
@@ -195,7 +198,7 @@ def _key(effects: Iterable[ArmEffect]) -> tuple[Hashable, ...]:
 
 
 def centre_size(arm: Arm, i: int) -> float:
-    """m: the length of which prior.com is a share, for link i."""
+    """m: length of which prior.com is a share, for link i."""
     tree = arm.tree
     size = max(float(np.linalg.norm(tree.com[i])), 0.005)
     if arm.prior.numbers in ("guessed", "unknown"):
@@ -204,7 +207,7 @@ def centre_size(arm: Arm, i: int) -> float:
 
 
 def _move_alike(a: LinkSide, b: LinkSide) -> bool:
-    """Whether two sides of one measurement have the same regressor: the same joints along the same motion under the same gravity."""
+    """Whether two sides of one measurement have the same regressor: same joints, motion and gravity."""
     frame = ("parent", "rotation", "position", "axis", "prismatic", "gravity")
     trees, paths = (a.bodies.tree, b.bodies.tree), (a.path, b.path)
     return all(np.array_equal(*(getattr(x, k) for x in trees)) for k in frame) and all(
@@ -213,9 +216,10 @@ def _move_alike(a: LinkSide, b: LinkSide) -> bool:
 
 
 def _inertial_rows(arm: Arm, regressor: np.ndarray, pi: np.ndarray, mass: np.ndarray) -> np.ndarray:
-    """(R, n, 5 n) N m per prior standard deviation of m, c and I of every link, from the regressor's rows; a link moves no joint behind it.
+    """(R, n, 5 n) N m per prior standard deviation of m, c and I of every link, from the regressor's rows.
 
-    Nobody knows the moments of what an effect adds to a link or takes from it: those of the link may follow its mass, or stay.
+    A link loads no joint after its own. The moments of what an effect adds to a link or removes from it are unknown: those of
+    the link may follow its mass, or stay.
     """
     prior, tree, n = arm.prior, arm.tree, arm.n
     out = np.zeros((len(regressor), n, 5 * n))

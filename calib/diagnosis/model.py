@@ -1,4 +1,4 @@
-"""One log under one hypothesis: what the arm predicts, what is left, and how every uncertain number of the arm would move it."""
+"""One log under one hypothesis: prediction, residual, and how every uncertain parameter of the arm changes them."""
 
 from __future__ import annotations
 
@@ -33,13 +33,13 @@ from sim.rigid_body import RigidBody
 from sim.torque_path import PathState
 from sim.tree import KinematicTree
 
-# the stages behind the load on the gear
+# stages after the load on the gear
 LATE = (Stage.JOINT, Stage.TRANSMISSION, Stage.FRICTION, Stage.MOTOR, Stage.DRIVE, Stage.SENSOR)
 
 
 @dataclass(frozen=True)
 class JointPath:
-    """Torque of one joint along the path: tau and its rate of change (N,), and rows (R, k) of the uncertain numbers of OWN, delay, rotors.
+    """Torque of one joint along the path, its rate of change (N,), and rows (R, k) of OWN, common reflected inertia and delay.
 
     tau_hat (N,) is shifted by the hypothesis's delay; residual (R,) N m.
     """
@@ -52,10 +52,9 @@ class JointPath:
 
 
 class LogModel:
-    """Prediction, residual rows (R, n) and nuisance rows (R, n, p) of one measurement under a hypothesis.
+    """Prediction, residual rows (R, n) and nuisance rows per joint (R, q) of one measurement under a hypothesis.
 
-    `like`, a model of the same measurement, lends its link side where the hypothesis did not change it; joints that the hypothesis
-    did not touch are taken from there.
+    `like`, a model of the same measurement, lends its link side and its joints where the hypothesis leaves them unchanged.
     """
 
     def __init__(
@@ -125,7 +124,7 @@ class LogModel:
 
     @property
     def least(self) -> np.ndarray:
-        """(p,) where friction and rotors have come down to nothing, in standard deviations of the prior."""
+        """(p,) where friction and reflected inertia reach zero, in prior standard deviations; -inf for all others."""
         arm, of = self.arm, self._spreads
         out = np.full(len(self.names), -np.inf)
         for k, (effect, parameter, key) in enumerate(POSITIVE):
@@ -139,30 +138,30 @@ class LogModel:
         return spreads(self.arm)
 
     def nuisance(self, j: int) -> np.ndarray:
-        """(R, q) N m per prior standard deviation of the uncertain numbers that move joint j, in the order of `nuisance_of_joint`."""
+        """(R, q) N m per prior standard deviation of parameters that affect joint j, in the order of `nuisance_of_joint`."""
         return np.concatenate([self.side.joints[j].inertial, self.joints[j].nuisance], axis=1)
 
     def nuisance_torque(self, j: int, theta: np.ndarray) -> np.ndarray:
-        """(R,) N m of all uncertain numbers theta (p,), for joint j."""
+        """(R,) N m of joint j from the nuisance theta (p,)."""
         return np.asarray(self.nuisance(j) @ theta[nuisance_of_joint(self.n, j)])
 
     def tail(self, j: int, own: Sequence[ArmEffect], instead: Effect | None = None, **changes: float) -> np.ndarray:
-        """tau (N,) of joint j with `own` as its joint effects, from the present load; instead: a law in place of one; changes: width, lead."""
+        """tau (N,) of joint j with effects `own` on the present load; instead: a law in place of one; changes: width, lead."""
         tau = self._state(j, own, instead, **changes).tau[:, 0]
         return tau - self.hypothesis.delay * self.gradient(tau)
 
     def own(self, effect: str, joint: int | None) -> Mapping[str, float] | None:
-        """The parameters with which the arm has an effect."""
+        """The parameters of an effect that the arm has, or None."""
         item = self.arm.effect(effect, None if joint is None else self.arm.joint_names[joint])
         return None if item is None else item.parameters
 
     def torque_with(self, j: int, effect: str, values: Mapping[str, float]) -> np.ndarray:
-        """tau (N,) of joint j if it had an effect behind the load with these parameters."""
+        """tau (N,) of joint j if it had that effect after the load, with these parameters."""
         others = [e for e in self.own_effects(j) if e.effect != effect]
         return self.tail(j, [*others, ArmEffect(effect, self.arm.joint_names[j], dict(values))])
 
     def posture_slopes(self, j: int) -> list[np.ndarray]:
-        """d tau / d q_j, d tau / d dq_j, d tau / d ddq_j, each (N, n): of the bodies, the rotor and viscous friction."""
+        """d tau / d q_j, d tau / d dq_j, d tau / d ddq_j, each (N, n): of bodies, reflected inertia and viscous friction."""
         by_angle, by_speed, by_push = self.side.posture_slopes(j)
         own = []
         for name, key, slope in (("rotor_inertia", "inertia", by_push), ("viscous_friction", "viscous", by_speed)):
@@ -173,11 +172,11 @@ class LogModel:
         return [by_angle, own[1], own[0]]
 
     def kept(self, key: Hashable, rows: Callable[[], np.ndarray]) -> np.ndarray:
-        """Columns that were computed before from the same path of all joints, or now."""
+        """Columns that depend on the path of all joints, from the cache or computed now."""
         return np.asarray(self.side.kept.of(key, rows))
 
     def kept_of(self, j: int, key: Hashable, rows: Callable[[], np.ndarray]) -> np.ndarray:
-        """Columns that were computed before from the same torque of joint j, or now."""
+        """Columns that depend on the torque of joint j, from the cache or computed now."""
         return np.asarray(self.side.joints[j].columns.of((key, self.joint_key(j)), rows))
 
     def joint_state(self, j: int) -> PathState:
@@ -185,11 +184,11 @@ class LogModel:
         return self._state(j, self.own_effects(j))
 
     def own_effects(self, j: int) -> list[ArmEffect]:
-        """The effects of joint j after the link side, as the hypothesis has them."""
+        """The effects of joint j after the link side, under the hypothesis."""
         return [item for stage in LATE for _, joint, item in self.stages[stage] if joint == j]
 
     def joint_key(self, j: int) -> Hashable:
-        """What the torque of joint j depends on, beside its link side."""
+        """What the torque of joint j depends on, besides its link side."""
         h = self.hypothesis
         items = [(e.effect, tuple(sorted(e.parameters.items()))) for e in (*self.own_effects(j), *self._channel())]
         return float(h.width[j]), float(h.lead[j]), h.delay, h.written, h.ripple_of(j), tuple(items)
@@ -210,7 +209,7 @@ class LogModel:
         state = self.side.joint(j, before, instead)
         law = next((e for e in own if e.effect == "friction_law"), None)
         if law is not None and instead is None and before == self._before_friction(self.own_effects(j)):
-            # nothing that is tried changes the motion and the load that it depends on: once for all
+            # motion and load before the law are those of the hypothesis, so its torque is cached
             state.tau += self.side.law(j, law.parameters, before)
             own = [e for e in own if e is not law]
         width = np.array([changes.get("width", self.hypothesis.width[j])])

@@ -1,9 +1,9 @@
-"""What a parameter's value owes to the law that its effect is given: between-model variance.
+"""Uncertainty of a parameter from the choice of its effect's law: between-model variance.
 
-Where a joint follows law f of F published ones with parameters theta, the fit with the catalogue's law ends at theta + b_f, to first order
-b_f = (J' W J)^-1 J' W (tau_f - tau). With equal weights for these laws and the catalogue's own, the variance of a parameter is that of the
-fit plus sum_f b_f^2 / (F + 1) (D. Draper 1995, Assessment and Propagation of Model Uncertainty, doi:10.1111/j.2517-6161.1995.tb02015.x).
-It says how far the number may be from the joint's, and nothing of the torque that the fit predicts.
+If a joint follows law f of F published ones with parameters theta, the fit with the catalogue's law ends at theta + b_f, to
+first order b_f = (J' W J)^-1 J' W (tau_f - tau). With equal weights for these laws and the catalogue's own, the variance of a
+parameter is that of the fit plus sum_f b_f^2 / (F + 1) (D. Draper 1995, Assessment and Propagation of Model Uncertainty,
+doi:10.1111/j.2517-6161.1995.tb02015.x). It concerns the number's distance from the joint's, not the predicted torque.
 """
 
 from __future__ import annotations
@@ -38,12 +38,12 @@ def form_std(f: Fit) -> list[dict[str, float]]:
 
 
 def with_shift(std: Mapping[str, float], fitted: ArmEffect, written: ArmEffect) -> dict[str, float]:
-    """`form_std` of one effect with the shift of each parameter from the fit to the arm folder, which has no lead of its dry friction."""
+    """`form_std` of one effect with each parameter's shift from the fit to the arm folder, which has no lead of friction."""
     return {k: float(np.hypot(s, written.parameters[k] - fitted.parameters[k])) for k, s in std.items()}
 
 
 def _bias(f: Fit, item: ArmEffect, law: Effect) -> np.ndarray:
-    """b_f (k,) of the accepted parameters in fitting units, where `item` follows `law`; a logarithm by at most 1."""
+    """b_f (k,) of the accepted parameters in fitting units if `item` follows `law`; of a logarithm at most 1."""
     joint = f.joint
     change = [other_law(model, f.hypothesis, k, item, law) for k, model in enumerate(f.models)]
     g = np.zeros(len(joint.theta))

@@ -1,4 +1,4 @@
-"""A recording for the diagnosis: derivatives flat up to PASS, rows in which a joint slides, and how warm its motors are."""
+"""A recording prepared for diagnosis: derivatives flat up to PASS, rows in which a joint slides, and motor warming."""
 
 from __future__ import annotations
 
@@ -16,21 +16,21 @@ from logs.log import Log
 from sim.arm import Arm
 from sim.trajectory import Trajectory
 
-ENOUGH = 125.0  # samples a second, more than three times STOP
+ENOUGH = 125.0  # Hz, more than three times STOP
 ROW_CUTOFF = 10.0  # Hz: rows keep what the probes excite (up to 7 Hz)
 SLIDING_WINDOW = 0.3  # s
-SLIDING_TRAVEL = 4e-3  # rad within the window; slower than that, dry friction is undecided: a pause between strokes is one
-# Where a joint pauses, dry friction relaxes anywhere within its level, and it takes a moment of sliding to forget that.
+SLIDING_TRAVEL = 4e-3  # rad within the window; with less, as between strokes, dry friction is undetermined
+# In a pause, dry friction relaxes to anywhere within its level; only some sliding makes it definite again.
 PAUSE_WINDOW, PAUSE_TRAVEL = 0.1, 4e-4  # s, rad
 AFTER = 0.2  # s
 LEAST_WARMING = 2.0  # K
 Scale = tuple[
     np.ndarray, np.ndarray
-]  # (n,) degC of the coldest instant and (n,) K up to the hottest, infinite where nothing warms
+]  # (n,) degC coldest, and (n,) K of rise to the hottest, infinite for a joint that does not warm
 
 
 def measured(log: Log, arm: Arm) -> Measurement:
-    """The log as rows for the diagnosis; rows in which a joint does not slide are not usable for that joint."""
+    """The log as rows for the diagnosis; rows in which a joint does not slide are unusable for that joint."""
     m = prepare(log, arm, ROW_CUTOFF, DerivativeFilter.flat)
     sliding = m.by_stretch(lambda q: _sliding(q, m.rate), m.trajectory.q)
     thin = _thinned(replace(m, usable=m.usable & sliding))
@@ -38,11 +38,11 @@ def measured(log: Log, arm: Arm) -> Measurement:
 
 
 def _thinned(m: Measurement) -> Measurement:
-    """Every k-th sample where there are more than ENOUGH a second, the torque smoothed first by the window of the position.
+    """Every k-th sample if there are more than ENOUGH a second, the torque first smoothed by the window of the position.
 
-    Above STOP nothing is left in either, so nothing is lost but time; around a torque that is not usable, nothing is used.
+    Neither has content above STOP, so thinning only saves time. Samples around an unusable torque are unusable.
     """
-    k = int(m.rate / ENOUGH + 0.05)  # a measured rate is never exactly what it should be
+    k = int(m.rate / ENOUGH + 0.05)  # a measured rate is never exactly nominal
     if k < 2:
         return m
     smooth, around, x = DerivativeFilter.flat(m.rate), 2 * round(m.rate / STOP) + 1, m.trajectory
@@ -63,12 +63,12 @@ def _thinned(m: Measurement) -> Measurement:
 
 
 def warmed(measurements: Sequence[Measurement]) -> list[Measurement]:
-    """The same with `warming` from their temperatures, on one scale for all; a joint that warms by less than LEAST_WARMING does not."""
+    """The same with `warming` from their temperatures, on one scale for all; a rise below LEAST_WARMING counts as none."""
     return on_scale(measurements, scale_of(measurements))
 
 
 def scale_of(measurements: Sequence[Measurement]) -> Scale | None:
-    """Coldest temperature and rise of every joint; None where a recording has no temperatures, or nothing warms."""
+    """Coldest temperature and rise of every joint; None if a recording has no temperatures, or no joint warms."""
     read = [m.temperature for m in measurements if m.temperature is not None]
     if len(read) < len(measurements):
         return None
@@ -81,7 +81,7 @@ def scale_of(measurements: Sequence[Measurement]) -> Scale | None:
 
 
 def on_scale(measurements: Sequence[Measurement], scale: Scale | None) -> list[Measurement]:
-    """The same with `warming` on that scale, where they have temperatures."""
+    """The same with `warming` on that scale, for recordings with temperatures."""
     if scale is None:
         return list(measurements)
     cold, rise = scale
@@ -89,13 +89,13 @@ def on_scale(measurements: Sequence[Measurement], scale: Scale | None) -> list[M
 
 
 def _bridged(x: np.ndarray, read: np.ndarray) -> np.ndarray:
-    """Samples (N, n) with lines across those that were not read, which a measurement holds as 0."""
+    """Samples (N, n) with unread ones, which a measurement holds as 0, interpolated linearly."""
     k = np.arange(len(x))
     return np.stack([np.interp(k, k[u], c[u]) if u.any() else c for c, u in zip(x.T, read.T, strict=True)], axis=1)
 
 
 def _temperature(log: Log, t: np.ndarray) -> np.ndarray | None:
-    """(N, n) degC at instants t, each joint by the line through its readings; None where a joint has none."""
+    """(N, n) degC at instants t, interpolated linearly; None if a joint has fewer than two readings."""
     out = []
     for x in log.temperature.T:
         read = np.isfinite(x)
@@ -113,6 +113,6 @@ def _sliding(q: np.ndarray, rate: float) -> np.ndarray:
 
 
 def _travel(q: np.ndarray, window: float, rate: float) -> np.ndarray:
-    """(N, n) rad between the outermost positions within `window` s around each instant."""
+    """(N, n) rad between the extreme positions within `window` s around each instant."""
     size = max(3, int(window * rate))
     return maximum_filter1d(q, size, axis=0) - minimum_filter1d(q, size, axis=0)

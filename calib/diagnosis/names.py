@@ -1,4 +1,4 @@
-"""Which of the effects that a search found are named: each is tested by its evidence, by recordings held out and by what remains unexplained."""
+"""Which effects of a search are named: each is tested by its evidence, held-out recordings and what remains unexplained."""
 
 from __future__ import annotations
 
@@ -22,18 +22,18 @@ from sim.arm import ArmEffect
 from sim.effects import effect_named
 
 BESIDE_UNKNOWN = 100.0  # fall of -2 log likelihood
-# Of what a name brings, as much as one part of the additive basis may still bring at its joint. Names beside structure in exams (seeds 26112401
-# to 26112502) and on the real UR10e: wrong ones from 0.5, good ones (they improve motions that were not fitted) up to 0.3. A spring that
-# stands for a cable that creeps is not found by it (0.07 and 0.25).
+# Most that one part of the additive basis may bring at an effect's joint, as a share of what the effect brings. For names
+# beside structure in exams (seeds 26112401 to 26112502) and on the real UR10e: wrong ones from 0.5, good ones (they improve
+# motions that were not fitted) up to 0.3. A spring named in place of a creeping cable is not caught (0.07 and 0.25).
 MOST_LEFT = 0.4
 
 
 @dataclass(frozen=True)
 class Names:
-    """kept of the effects that were assessed; odd: structure that nothing explains; vetoed: sentences on effects that were left out.
+    """kept: the assessed effects that are named; odd: structure that nothing explains; vetoed: why others were left out.
 
-    found: the search, its best fit without the effects that failed a test of their own, and null of that fit; fit: of the named effects;
-    written: the same with what an arm folder can hold.
+    found: the search, its best fit without effects that failed their own test; null: its null distribution.
+    fit: of the named effects; written: the same as an arm folder can hold it.
     """
 
     found: SearchResult
@@ -55,12 +55,12 @@ class Names:
         return next(std for e, std in zip(self.fit.accepted, self.fit.std(), strict=True) if e.key == item.key)
 
     def without(self, refused: Sequence[ArmEffect]) -> Names:
-        """Fewer names."""
+        """The same without the refused effects."""
         gone = {e.key for e in refused}
         return replace(self, kept=[a for a in self.kept if a.effect.key not in gone])
 
     def verdict(self, limited: bool) -> str:
-        """unexplained, effects_found or no_missing_effect; limited: a drive's limit was seen."""
+        """unexplained, effects_found or no_missing_effect; limited: a drive reached its limit."""
         return "unexplained" if self.odd else "effects_found" if self.kept or limited else "no_missing_effect"
 
 
@@ -71,7 +71,7 @@ def names_of(
     limits: Sequence[ArmEffect],
     progress: Callable[[str], None],
 ) -> Names:
-    """The effects of `found.best` that stay. limits: effects that need no fit."""
+    """The effects of `found.best` that are named; limits: effects that need no fit."""
     progress("testing the candidates")
     assessed, vetoed, best = _settled(fitted, found.best, apart)
     found = replace(found, best=best)
@@ -93,7 +93,8 @@ def names_of(
         kept = [replace(a, effect=e) for a, e, std in fits if not is_nothing(e, std)]
     named, written, ordinary = _beyond_ordinary(fitted, named)
     vetoed += [
-        f"{e.title} was fitted and is left out: the corrected arm needs {_values(e)}, which is ordinary" for e in ordinary
+        f"{e.title} was fitted and is left out: {_values(e)} in the corrected arm is within the ordinary range"
+        for e in ordinary
     ]
     stay = {e.key: e for e in named.accepted}
     kept = [replace(a, effect=stay[a.effect.key]) for a in kept if a.effect.key in stay]
@@ -101,7 +102,7 @@ def names_of(
 
 
 def _settled(fitted: Sequence[Measurement], best: Fit, apart: Sequence[Measurement]) -> tuple[list[Assessed], list[str], Fit]:
-    """The effects of `best` that pass their tests, one after the other removed that fails, why each of those was, and the fit without them."""
+    """Effects of `best` that pass their tests, why others were vetoed, and the fit after removing failures one by one."""
     vetoed: list[str] = []
     while True:
         assessed = assess(fitted, best, apart)
@@ -117,28 +118,30 @@ def _settled(fitted: Sequence[Measurement], best: Fit, apart: Sequence[Measureme
 
 
 def not_left_by_observed(odd: Sequence[Odd], kept: Sequence[Assessed], best: Fit) -> list[Odd]:
-    """The structure without that at the joint of an observed effect, where it is small beside what the effect explains.
+    """`odd` without structure at the joint of an observed effect that is small beside what the effect explains.
 
-    The model misses the instants at which such an effect acts by some ms, so that some structure remains.
+    The model misses the instants at which such an effect acts by some ms, so some structure remains.
     """
     brings = {a.effect.joint: a.lost for a in kept if a.effect.key in best.hypothesis.observed}
     return [u for u in odd if not u.fitted < MOST_LEFT * brings.get(u.joint, 0.0)]
 
 
 def not_left_by_form(odd: Sequence[Odd], kept: Sequence[Assessed]) -> list[Odd]:
-    """The structure without that at the joint of an identified effect which is small beside what that effect explains.
+    """`odd` without structure at the joint of an identified effect that is small beside what the effect explains.
 
-    Another published form of the same effect may account for it. In the answers `unexplained` of exams 26112921 to 26112941 it was 2, 2 and
-    19 % of that where the effect was in the catalogue, over 400 % where it was not. kept: what `_beside` accepts, so held-out recordings agree.
+    Another published form of the effect may account for it. In the `unexplained` answers of exams 26112921 to 26112941 it was
+    2, 2 and 19 % of that if the effect was in the catalogue, over 400 % if it was not. kept: what `_beside` accepts, so
+    held-out recordings agree.
     """
     brings = {joint: max(a.lost for a in kept if a.effect.joint == joint) for joint in {a.effect.joint for a in kept}}
     return [u for u in odd if not u.fitted < LEFT_OVER * brings.get(u.joint, 0.0)]
 
 
 def _beside(odd: Sequence[Odd], kept: Sequence[Assessed], joint_names: Sequence[str]) -> list[Assessed]:
-    """The effects that stay although structure remains that no name explains: there a name may be the nearest thing in the catalogue.
+    """Effects that stay although unexplained structure remains, where a name may be only the nearest one in the catalogue.
 
-    It must bring very much, and again apart. An effect of the whole arm is one of them where most joints have such structure.
+    An effect must bring more than BESIDE_UNKNOWN, far more than the structure at its joints, and no loss on held-out logs. One
+    of the whole arm does not stay if most joints have such structure.
     """
     left = {u.joint: u.fitted for u in odd} | {None: np.inf if len(odd) > len(joint_names) / 2 else 0.0}
 
@@ -155,9 +158,9 @@ def _values(item: ArmEffect) -> str:
 
 
 def _beyond_ordinary(measurements: Sequence[Measurement], named: Fit) -> tuple[Fit, Fit, list[ArmEffect]]:
-    """The fit without effects of which the arm needs no more than is ordinary, the same as an arm folder can hold it, and those effects there.
+    """The fit without effects that are within the ordinary range in the corrected arm, the same as written, and these effects.
 
-    An arm folder holds no lead of the reading and of its friction: beside these an effect looked larger than the arm is without them.
+    An arm folder holds no lead of the reading or of friction. Beside these, an effect looks larger than it is without them.
     """
     gone: list[ArmEffect] = []
     while True:

@@ -1,4 +1,4 @@
-"""Joints with structure in the new logs that no candidate explains, and that no healthy log has."""
+"""Joints with structure in the new logs that no candidate explains and no healthy log has."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ ODD, ODD_SHARE = 80.0, 0.15
 
 
 def new_structure(solved: Solved, new: list[LogModel], folds: Folds, noise: Noise) -> list[tuple[int, str, float, float]]:
-    """Joints at which a part of the additive basis explains far more in the new logs than in any healthy one left out."""
+    """Joints at which a part of the additive basis explains far more in the new logs than in any left-out healthy log."""
     out, basis = [], AdditiveBasis(new)
     healthy = [(solve(rows, noise), AdditiveBasis([m])) for rows, m in zip(folds.left_out, folds.models, strict=True)]
     for j in range(solved.rows.n):
@@ -35,7 +35,7 @@ def new_structure(solved: Solved, new: list[LogModel], folds: Folds, noise: Nois
 
 
 def _parts(solved: Solved, basis: AdditiveBasis, j: int) -> dict[str, tuple[float, int]]:
-    """Part of the additive basis -> fall of chi2 and rows of joint j."""
+    """Part of the additive basis -> fall of chi2, and number of rows of joint j."""
     rows, left, out = solved.rows, solved.left(), {}
     for name, columns in basis.groups(j).items():
         x = rows.take(j, columns)

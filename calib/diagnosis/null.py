@@ -1,4 +1,4 @@
-"""What each candidate effect seems to be where nothing has changed: the null distribution of its estimate over healthy logs left out."""
+"""Null distribution of each candidate's estimate where nothing has changed, over left-out healthy logs."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ from calib.diagnosis.candidates import Candidate, Key, candidates
 from calib.diagnosis.healthy import Folds
 from calib.diagnosis.rows import Solved, solve
 
-NULL_WIDENED = 1.5  # a spread from a few logs is uncertain itself
+NULL_WIDENED = 1.5  # a spread from few logs is itself uncertain
 NULL_DIAGONAL = 0.3
 
 
 @dataclass(frozen=True)
 class Null:
-    """Of a candidate's coefficients where nothing has changed: mean (k,) and the covariance (k, k) of another recording's about it."""
+    """A candidate's coefficients where nothing has changed: mean (k,), and covariance (k, k) about it for a new recording."""
 
     mean: np.ndarray
     covariance: np.ndarray
 
 
 def nulls(folds: Folds) -> dict[tuple[Key, int], Null]:
-    """(candidate, probe) -> its coefficients in healthy logs that the law has not seen."""
+    """(candidate, number of its start) -> null of its coefficients, over healthy logs that the law has not seen."""
     found: dict[tuple[Key, int], list[np.ndarray]] = {}
     for rows, m in zip(folds.left_out, folds.models, strict=True):
         solved = solve(rows, folds.noise)

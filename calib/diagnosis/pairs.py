@@ -1,9 +1,9 @@
-"""Two effects in the place of one that took up parts of both, or in the place of two, where forward selection would stay.
+"""Two effects in place of one that absorbed parts of both, or in place of two at which forward selection would stop.
 
-A sinusoid of the wrong period, say, may fit a spring and a ripple better than either fits alone; beside it neither brings much, and
-structure remains. A gain with less viscous friction may fit as well as Coulomb friction with more reflected inertia: exchanging
-one effect at a time does not lead from either to the other. Pairs are tried at joints with unexplained structure, with two
-identified effects, or with one that another effect nearly equals.
+A sinusoid of the wrong period, for example, may fit a spring and a ripple better than either alone. Beside it neither brings
+much, and structure remains. A gain with less viscous friction may fit as well as Coulomb friction with more reflected inertia,
+and exchanging one effect at a time does not lead from one pair to the other. Pairs are tried at joints with unexplained
+structure, with two identified effects, or with one that another effect nearly equals.
 """
 
 from __future__ import annotations
@@ -20,18 +20,19 @@ from calib.diagnosis.scoring import Bank, Scored, scored
 from calib.diagnosis.selection import SearchResult, add, best_next, grown, without
 from calib.measurement.preprocessing import Measurement
 
-# Of the best one's promise, where nothing shows that the name is wrong. Chosen on one case (exam seed 26113021, case 014); of 183 cases of three
-# exams no other answer changes.
+# Share of the best linear gain, where nothing shows that the name is wrong. Chosen on one case (exam seed 26113021, case 014);
+# of 183 cases of three exams no other answer changes.
 NEARLY = 0.8
-FIRSTS, PROMISE = 4, 0.3  # effects that a pair may begin with; share of the best one's promise
-PROMISE_OF_BOTH = 0.5  # of what two names bring together, for the stronger effect of a pair in their place
-MOST_NAMES = 2  # at a joint: what more of them leave is no matter of a wrong first one
+FIRSTS, PROMISE = 4, 0.3  # effects that a pair may begin with; least share of the best linear gain
+PROMISE_OF_BOTH = 0.5  # of what two names bring together, for the linear gain of the stronger effect of a pair in their place
+MOST_NAMES = 2  # at a joint; what more of them leave is not due to a wrong first one
 CLEARLY = 8.0  # -2 log likelihood
 
 
 def paired(measurements: Sequence[Measurement], found: SearchResult) -> SearchResult:
-    """The search gone on from another pair, where one fits clearly better than `found.best` at a joint with structure beside its names, or with
-    a single name of which another effect promises nearly as much.
+    """The search continued from another pair where that fits clearly better than `found.best`.
+
+    Tried at joints with structure beside their names, and with a single name whose linear gain another effect nearly reaches.
     """
     if found.hopeless:
         return found
@@ -47,9 +48,9 @@ def paired(measurements: Sequence[Measurement], found: SearchResult) -> SearchRe
 
 
 def with_rival_pairs(measurements: Sequence[Measurement], best: Fit, assessed: Sequence[Assessed]) -> list[Assessed]:
-    """The same; two names at one joint have the effects of another pair there as rivals, where that pair fits as well.
+    """The same; two names at one joint have the effects of another pair there as rivals if that pair fits as well.
 
-    Beside the name that brings more stands the effect that alone promises most of what both bring.
+    The name that brings more gets the pair's first effect, the one with the larger part of the linear gain.
     """
     out, bank = list(assessed), Bank()
     for joint in dict.fromkeys(a.effect.joint for a in assessed if a.effect.joint is not None):
@@ -78,7 +79,10 @@ def with_rival_pairs(measurements: Sequence[Measurement], best: Fit, assessed: S
 def _best_pair(
     measurements: Sequence[Measurement], f: Fit, names: Sequence[int], joint: str, promise: float, bank: Bank
 ) -> Fit | None:
-    """The best fit with one or two effects at that joint in the place of its names, beginning with one of that share of the best one's promise."""
+    """Best fit with one or two effects at that joint in place of its names.
+
+    The first must have the share `promise` of the best linear gain. None if no fit is admissible.
+    """
     rest = _without(measurements, f, names)
     here, own = _at(rest, joint, bank), {(f.accepted[i].effect, joint) for i in names}
     firsts = [s for s in here[:FIRSTS] if s.gain > promise * here[0].gain and (promise < NEARLY or s.key not in own)]
@@ -86,7 +90,7 @@ def _best_pair(
 
 
 def _fits(measurements: Sequence[Measurement], rest: Fit, firsts: Sequence[Scored], joint: str, bank: Bank) -> Iterator[Fit]:
-    """Fits with each of `firsts`, and with the best effect at that joint beside it."""
+    """Fits with each of `firsts` alone, and with the best further effect at that joint."""
     for first in firsts:
         one = add(measurements, rest, first)
         two = best_next(measurements, one, _at(one, joint, bank))
@@ -100,7 +104,7 @@ def _without(measurements: Sequence[Measurement], f: Fit, names: Sequence[int]) 
 
 
 def _at(f: Fit, joint: str, bank: Bank) -> list[Scored]:
-    """What may be added to a fit at one joint, what promises most first."""
+    """Candidates beside a fit at one joint, best linear gain first."""
     return [s for s in scored(f, {e.key for e in f.accepted}, bank) if s.key[1] == joint]
 
 

@@ -1,4 +1,4 @@
-"""The parameters of accepted effects: which of them are fitted, in which units, and how far they may go."""
+"""Parameters of accepted effects: which are fitted, in which units, and within which bounds."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from sim.errors import ConfigError
 
 
 def parameters_of(accepted: Sequence[ArmEffect]) -> list[tuple[int, Parameter]]:
-    """(index of the effect, parameter) of everything that is fitted."""
+    """(index of the effect, parameter) of every parameter that is fitted."""
     return [
         (i, p)
         for i, item in enumerate(accepted)
@@ -25,7 +25,7 @@ def parameters_of(accepted: Sequence[ArmEffect]) -> list[tuple[int, Parameter]]:
 
 
 def nominal_values(arm: Arm, item: ArmEffect) -> dict[str, float | None]:
-    """What the arm has in the place of an effect: its own values, else those at which the effect vanishes, None for a shape."""
+    """The arm's values in place of an effect: its own, else those at which the effect vanishes, None for a shape."""
     own = arm.effect(item.effect, item.joint)
     if item.effect == "link_inertia" and item.joint is not None:
         j = arm.joint_index(item.joint)
@@ -34,14 +34,14 @@ def nominal_values(arm: Arm, item: ArmEffect) -> dict[str, float | None]:
 
 
 def logarithmic(p: Parameter) -> bool:
-    """Scales without a zero are fitted as logarithms."""
+    """Whether a parameter is fitted as a logarithm: a scale without a zero."""
     return p.zero is None and p.lower > 0
 
 
 def seen(p: Parameter, value: float, std: float) -> bool:
-    """Whether more is known of a parameter than its bounds say: its standard deviation is below that of a uniform distribution over them.
+    """Whether a parameter is identifiable: its standard deviation is below that of a uniform distribution over its bounds.
 
-    A logarithm's where it is fitted as one. NaN, a deviation that was not computed, says nothing against it.
+    Where the logarithm is fitted, the logarithm is compared. NaN, a deviation that was not computed, counts as identifiable.
     """
     if logarithmic(p):
         return not std / abs(value) >= np.log(p.upper / p.lower) / np.sqrt(12.0)
@@ -55,14 +55,17 @@ def within(item: ArmEffect) -> bool:
 
 
 def changed(item: ArmEffect, p: Parameter, by: float) -> ArmEffect:
-    """The effect with one parameter moved by `by` in fitting units, clipped to its bounds; a logarithm by at most 1."""
+    """The effect with one parameter moved by `by` in fitting units, clipped to its bounds; a logarithm moves by at most 1."""
     value = item.parameters[p.name]
     value = value * float(np.exp(np.clip(by, -1.0, 1.0))) if logarithmic(p) else value + by
     return replace(item, parameters=dict(item.parameters) | {p.name: float(np.clip(value, p.lower, p.upper))})
 
 
 def moved(hypothesis: Hypothesis, change: np.ndarray) -> Hypothesis:
-    """The hypothesis with its accepted parameters moved by `change` (k,) in fitting units, kept inside their bounds."""
+    """The hypothesis with accepted parameters moved by `change` (k,) in fitting units, within bounds.
+
+    It stays unchanged if that is no valid arm (ConfigError).
+    """
     accepted = list(hypothesis.accepted)
     for (i, p), by in zip(parameters_of(hypothesis.accepted), change, strict=True):
         accepted[i] = changed(accepted[i], p, float(by))

@@ -1,6 +1,7 @@
-"""Effects that are not named and may be there: what stands out of the noise, and too little to be named.
+"""Effects that are not named but may be there: they stand out from the noise by too little to be named.
 
-chance: how often, in simulated recordings without an effect, some candidate brings as much above its price (calib.diagnosis.false_names).
+chance: how often, in simulated recordings without an effect, some candidate is as far above its usual gain
+(calib.diagnosis.false_names).
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from calib.diagnosis.hypothesis import CONTACT
 from calib.diagnosis.scoring import Scored
 from sim.effects import effect_named
 
-CHANCE = 0.2  # above it an effect is not worth a motion
+CHANCE = 0.2  # above this an effect is not worth a motion
 MOST = 3
 
 
@@ -23,7 +24,7 @@ def possible(
 ) -> list[dict[str, Any]]:
     """Candidates beside the final fit, likeliest first, as diagnosis.json has them.
 
-    gain: what a candidate brings when it is fitted, which its linear promise may exceed.
+    gain: what a candidate brings when fitted, which may be less than its linear gain.
     """
     out: list[dict[str, Any]] = []
 

@@ -1,13 +1,13 @@
-"""Model selection for the corrected arm: only effects and laws with which it predicts and moves no worse are written.
+"""Model selection for the corrected arm: an effect or law is written only if the arm predicts and moves no worse with it.
 
-- Where several recordings were given and none was held out, an effect must help: with everything fitted to the others, a recording left
-  out (parts of it, where there are two) is predicted better with the effect than with free friction laws alone, or nearly as well without
-  needing such a law.
-- The arm as it is written, with what an arm folder can hold, predicts no joint worse than the arm as it was (sim.prediction.predict),
-  and its simulated motion is no farther from the recorded one (calib.validation.forward).
+- With several recordings and none held out, an effect must help. Everything is fitted to the others, and a left-out recording
+  (a part of one, if there are two) must be predicted better with the effect than with free friction laws alone, or nearly as
+  well without needing such a law.
+- The arm as written, with what an arm folder can hold, predicts no joint worse than the arm as it was (sim.prediction.predict).
+  Its simulated motion is no farther from the recorded one (calib.validation.forward).
 
-Worse means significantly where a joint slides (calib.diagnosis.significance), or by more than RISEN on recordings that were held out, of
-every row in motion, reversals too, over all joints of an effect.
+Worse means significantly worse where a joint slides (calib.diagnosis.significance). On held-out recordings it also means an RMS
+error that rises by more than RISEN, over every row in motion, reversals included, and all joints of an effect.
 """
 
 from __future__ import annotations
@@ -30,21 +30,23 @@ from calib.validation.forward import ForwardError
 from sim.arm import ArmEffect
 from sim.effects.friction_law import FORMS
 
-WORSE_THAN_LAW = 0.05  # relative rise of a joint's RMS torque error that an effect may cost beside a law of many terms
-RISEN = 0.05  # of the RMS torque error of an effect's joints on recordings kept apart, whether significant or not: one that raises it does not help
+WORSE_THAN_LAW = 0.05  # relative rise of a joint's RMS torque error that an effect may cost against a law of many terms
+# relative rise of the RMS error of an effect's joints on held-out recordings, significant or not, beyond which it does not help
+RISEN = 0.05
 HELPS = 0.02  # share of a joint's error that an effect must remove
-SEVERAL = 2  # recordings: a part of a single one, such as one speed of a staircase, need not show what the others do
-PIECES = 3  # that fewer recordings are each cut into
-INSTEAD = 0.9  # of the power that a law removes: one effect that removes as much is the simpler model
+SEVERAL = 2  # recordings; a part of a single one, such as one speed of a staircase, need not show what the others do
+PIECES = 3  # parts into which fewer recordings are each cut
+INSTEAD = 0.9  # of the power that a law removes; one effect that removes as much is the simpler model
 
 
 @dataclass(frozen=True)
 class Refusal:
     """An effect that was fitted and is left out: the joint that decided, and its RMS N m without the effect and with it.
 
-    Without a joint, the simulated motion decided: RMS m of the flange. on: which recordings; instead: the arm without the effect.
-    by_law: it predicts better than the arm as it was, and worse than a law of friction, which is written in its place.
-    sliding: only where the joint slides is the error larger, and that is what is given.
+    An empty joint means that simulated motion decided: RMS m of the flange.
+    on: which recordings; instead: the arm without the effect.
+    by_law: it predicts better than the arm as it was, but worse than a friction law, which is written in its place.
+    sliding: the error is larger only where the joint slides, and that error is given.
     """
 
     effect: ArmEffect
@@ -75,9 +77,9 @@ class Refusal:
 
 @dataclass(frozen=True)
 class Promotion:
-    """change: of the arm that is written, None where the arm stays as it was; laws in it; effects that were left out, and why.
+    """change: of the written arm, None if it stays as it was; its laws; effects that were left out, and why.
 
-    motion: what was simulated of the arm as it was and of the one that is written, empty where nothing was.
+    motion: simulated motion of the arm as it was and of the written one; empty if nothing was simulated.
     """
 
     change: ArmChange | None
@@ -86,7 +88,7 @@ class Promotion:
     motion: tuple[tuple[ForwardError, ForwardError], ...] = ()
 
     def written(self, item: ArmEffect) -> ArmEffect | None:
-        """A named effect as the arm that is written has it; None where it has not."""
+        """A named effect as the written arm has it; None if it does not."""
         effects = self.change.effects if self.change else ()
         return next((e for e in effects if e.key == item.key), None)
 
@@ -98,10 +100,10 @@ def promoted(
     apart: Sequence[Measurement],
     limits: Sequence[ArmEffect] = (),
 ) -> Promotion:
-    """The arm with the effects of `named`, refitted with what an arm folder can hold, and friction laws of what they leave.
+    """The arm with the effects of `named`, refitted with what an arm folder can hold, and friction laws for the rest.
 
-    Effects at a joint that is significantly worse are left out, and the rest is refitted. The errors are of the recordings kept apart;
-    without any, of those that were fitted, which refuses less.
+    Effects at a significantly worse joint are left out, and the rest is refitted. The errors are those of held-out recordings;
+    without any, those of the fitted ones, which refuses less.
     """
     start, shown, on = (
         baseline.hypothesis.start,
@@ -134,10 +136,10 @@ def promoted(
                 if not motion.rises(way.change):
                     return Promotion(way.change, way.laws, tuple(refused), motion.errors(way.change))
             if plain is not bare and motion.rises(plain.change):
-                # a refit that could not be written either is nothing to be measured by
+                # a refit that could not be written itself is no reference
                 plain, good = bare, np.full(start.n, 1 + WORSE_THAN_LAW)
                 continue
-            # where the motion refuses them, another way may be refused for the torque of some effects only
+            # if motion refuses these, another way may be refused for the torque of some effects only
             seen = [k for k, bad in enumerate(worse) if bad.any() and not (fit_for and motion.rises(ways[k].change))]
             harmful = []
             if seen:
@@ -166,15 +168,15 @@ def promoted(
 
 
 def _as_good(before: np.ndarray, law: np.ndarray) -> np.ndarray:
-    """(n,) the error up to which an effect is as good a model as a law that brings the error from `before` down to `law`."""
+    """(n,) error up to which an effect is as good a model as a law that reduces the error from `before` to `law`."""
     removed = INSTEAD * np.maximum(before**2 - law**2, 0.0)
     return np.maximum((1 + WORSE_THAN_LAW) * law, np.sqrt(before**2 - removed))
 
 
 def _no_help(e: ArmEffect, f: Fit, alone: Refitted, beside: Refitted) -> Refusal | None:
-    """Why an effect does not help at any joint that it concerns: `beside` has the fit's effects, `alone` none.
+    """Why an effect helps at none of its joints, or None; `beside` has the fit's effects, `alone` none.
 
-    Friction, offsets and reflected inertia are free without it too: then it need only be as good.
+    Friction, offsets and reflected inertia are free without it too, so it need only be as good.
     """
     joints = joints_of(e, f.hypothesis.arm)
     better = e.effect in ORDINARY or beside.plain < (1 - HELPS) * alone.plain
@@ -192,7 +194,7 @@ def _no_help(e: ArmEffect, f: Fit, alone: Refitted, beside: Refitted) -> Refusal
 def harmful_effects(
     own: Sequence[ArmEffect], f: Fit, way: WrittenArm, bad: np.ndarray, better: Sequence[WrittenArm], on: str
 ) -> list[Refusal]:
-    """The effects at the joints that are worse, all of them where none is at one; better: per joint the arm that it is worse than."""
+    """The effects at the joints that are worse, or all if none acts there; better: per joint the arm that it is worse than."""
     start, worse, out = f.hypothesis.start, {int(j) for j in np.flatnonzero(bad)}, []
     at_fault = [e for e in own if set(joints_of(e, f.hypothesis.arm)) & worse] or own
     for e in at_fault:
@@ -207,6 +209,9 @@ def harmful_effects(
 
 
 def has_law(r: Refusal, plain: WrittenArm, before: Mapping[str, float]) -> bool:
-    """Whether a friction law of `plain` stands for an effect of friction that lowers its joint's RMS error, `before`, and loses to that law alone."""
+    """Whether a friction law of `plain` replaces a friction effect that lowers its joint's RMS error `before`.
+
+    The effect must lose to a refit with laws.
+    """
     there = any(law.effect.joint == r.effect.joint for law in plain.laws)
     return r.effect.effect in FORMS and r.instead == REFIT_WITH_LAWS and there and bool(r.with_it < before[r.joint])

@@ -1,9 +1,8 @@
-"""The noise of recordings, measured beside the model and not from what the model leaves.
+"""The noise of recordings, measured independently of the model and not from what the model leaves.
 
-An additive basis that bends to anything (calib.diagnosis.additive_basis) and every candidate effect are fitted to each joint's
-residual at once. What they leave is the pure error of the recording: the model that is assessed has no part in it, so a wrong model
-cannot pass its own error off as noise (N. R. Draper, H. Smith, Applied Regression Analysis, 3rd ed. 1998, section 2.1, lack of fit and
-pure error).
+A flexible additive basis (calib.diagnosis.additive_basis) and every candidate effect are fitted to each joint's residual at
+once. What they leave is the pure error of the recording. The assessed model has no part in it, so a wrong one cannot pass off
+its error as noise (N. R. Draper, H. Smith, Applied Regression Analysis, 3rd ed. 1998, section 2.1, lack of fit and pure error).
 """
 
 from __future__ import annotations
@@ -19,15 +18,15 @@ from sim.effects import effect_named
 
 RIDGE = 1e-7  # of a column's sum of squares
 DRAWS = 16
-# Columns over rows, at most. Of 28 s with 0.3 the noise came out at 0.5 to 0.8 of the true one, and ripple was named in it.
+# Columns over rows, at most. With 0.3, the noise of 28 s came out at 0.5 to 0.8 of the true one, and ripple was named in it.
 FILLED = 0.12
 
 
 def measured_noise(f: Fit) -> Noise:
     """The noise of the recordings of a fit.
 
-    A short recording takes as many of the columns as it has rows for, the ordinary parameters before the basis and the candidates; where it has
-    too few even for these, the arm's own error remains in it, and the noise is a bound.
+    A short recording gets only as many columns as its rows allow: the ordinary parameters before the basis and the candidates.
+    If even these are too many, the arm's own error remains in the noise, which is then an upper bound.
     """
     rows, basis, n = f.solved.rows, AdditiveBasis(f.models), f.hypothesis.arm.n
     own: list[list[np.ndarray]] = [[] for _ in range(n)]
@@ -49,7 +48,7 @@ def measured_noise(f: Fit) -> Noise:
 
 
 def pure_error(x: np.ndarray, r: np.ndarray, joined: np.ndarray) -> Noise:
-    """The noise of one joint: what columns x (R, k) leave of r (R,), with what they take up of it given back."""
+    """The noise of one joint: what columns x (R, k) leave of r (R,), corrected for the noise that they absorb."""
     if len(r) < LEAST_ROWS or not x.shape[1]:
         return noise_of([r], [joined], ORDER)
     scale = np.sqrt(np.sum(x**2, axis=0))

@@ -1,4 +1,4 @@
-"""Whitened rows of residual and nuisance for every joint: what is left to explain, and what is free to move within its prior.
+"""Rows of residual and nuisance for every joint after whitening: what is left to explain, and what is free within its prior.
 
 r = X theta + S c + e,  theta ~ N(mean, I) (columns of X are scaled by their prior's standard deviation), e an autoregressive process per joint.
 """
@@ -17,26 +17,27 @@ from calib.diagnosis.nuisance import nuisance_of_joint
 from calib.regression.noise import Noise, filtered, neighbours
 from calib.regression.normal_equations import bounded
 
-# of the noise. Of low-passed readings AICC takes order 4, whose innovations are 0.85 of those of order 1. All prices and thresholds
-# of calib.diagnosis were found with order 1, the wider of the two; with order 4 three of ten cases of the exam that were right got another name.
+# Order of the noise. AICC chooses order 4 for low-passed readings, with innovations 0.85 of those of order 1. Prices and
+# thresholds of calib.diagnosis were found with order 1, the wider of the two; with order 4, three of ten right exam cases
+# changed.
 ORDER = 1
-RIDGE = 1e-6  # of a column's sum of squares, so that columns that say the same can be solved for
+RIDGE = 1e-6  # of a column's sum of squares, so that redundant columns can be solved for
 
 
 @dataclass
 class ResidualRows:
     """All usable rows of some logs under one hypothesis.
 
-    r        per joint (R_j,) N m, measured less predicted, filtered
-    joined   per joint (R_j,) the row before is the neighbour in time
+    r        per joint (R_j,) N m, measured minus predicted, filtered
+    joined   per joint (R_j,) whether the row before is the neighbour in time
     doubt    per joint (R_j,) (N m)^2 that bridged gaps add to the variance
-    index    per joint, per log: the usable rows, to evaluate further columns on the same rows
-    mean     (p,) where the prior of the parameters has its middle
-    least    (p,) below this a parameter means friction that drives, or a rotor that has less than no inertia
+    index    per joint, per log: the usable rows, to take further columns on the same rows
+    mean     (p,) prior mean of the parameters
+    least    (p,) lower bound, below which friction would drive or reflected inertia would be negative
     own      per joint (R_j, p) in place of the models' nuisance columns; None: those
-    more     per joint (R_j, k) of accepted parameters behind these columns; None: none
+    more     per joint (R_j, k) of accepted parameters after these columns; None: none
 
-    Columns are N m per standard deviation of the prior. Of a joint's there are only those that can move it, q_j of p: `used` says which.
+    Columns are N m per prior standard deviation. A joint has only those that can affect it, q_j of p: see `used`.
     """
 
     models: list[LogModel]
@@ -62,14 +63,14 @@ class ResidualRows:
         self.mean, self.least = np.zeros(self.p), self.models[0].least
 
     def released(self, columns: list[np.ndarray]) -> ResidualRows:
-        """The same rows with columns of their own, no longer those of their models: whitened anew, no least values."""
+        """The same rows with these columns in place of their models': prior mean zero, no lower bounds, whitening anew."""
         out = copy.copy(self)
         out.r, out.own = list(self.r), columns
         out.mean, out.least = np.zeros(out.p), np.full(out.p, -np.inf)
         return out
 
     def beside(self, more: list[np.ndarray], mean: np.ndarray) -> ResidualRows:
-        """The same rows with columns of k accepted parameters behind their own, whose prior has its middle at mean (k,)."""
+        """The same rows with columns of k accepted parameters after their own; these have the prior mean `mean` (k,)."""
         out = copy.copy(self)
         out.more = more
         out.mean = np.concatenate([self.mean, mean])
@@ -77,13 +78,13 @@ class ResidualRows:
         return out
 
     def columns(self, j: int) -> np.ndarray:
-        """(R_j, q_j) of joint j without `more`."""
+        """(R_j, q_j) columns of joint j without `more`."""
         if self.own is not None:
             return self.own[j]
         return np.concatenate([m.nuisance(j)[k] for m, k in zip(self.models, self.index[j], strict=True)])
 
     def used(self, j: int) -> np.ndarray:
-        """Indices of joint j's columns, `more` behind them, among the parameters of all joints."""
+        """Indices of joint j's columns, then of `more`, among the parameters of all joints."""
         own = self._own_used(j)
         return own if self.more is None else np.concatenate([own, np.arange(self.p, len(self.mean))])
 
@@ -91,13 +92,13 @@ class ResidualRows:
         return np.arange(self.p) if self.own is not None else nuisance_of_joint(self.n, j)
 
     def among_all(self, j: int) -> np.ndarray:
-        """(R_j, p) columns of joint j without `more`, zero where it has none."""
+        """(R_j, p) columns of joint j without `more`, zero for parameters that do not affect it."""
         out = np.zeros((len(self.r[j]), self.p))
         out[:, self._own_used(j)] = self.columns(j)
         return out
 
     def predicted(self, j: int, theta: np.ndarray) -> np.ndarray:
-        """(R_j,) N m of all columns, times theta."""
+        """(R_j,) N m of all columns times theta."""
         tau = self.columns(j) @ theta[self._own_used(j)]
         return tau if self.more is None else tau + self.more[j] @ theta[self.p :]
 
@@ -112,7 +113,7 @@ class ResidualRows:
         return len(self.models[0].names) if self.own is None else self.own[0].shape[1]
 
     def whiten(self, noise: Noise, j: int, a: np.ndarray) -> np.ndarray:
-        """(R_j, ...) of joint j with unit, uncorrelated noise; less where gaps were bridged."""
+        """(R_j, ...) of joint j with unit, uncorrelated noise; less weight where gaps were bridged."""
         kept = self._taps.get(j)
         if kept is None or kept[0] is not noise:
             kept = self._taps[j] = noise, noise.taps(j, self.joined[j], self.doubt[j])
@@ -125,7 +126,7 @@ class ResidualRows:
 
 @dataclass(frozen=True)
 class Products:
-    """Whitened columns s (R, k) of a joint, s's (k, k) and X's (p, k), X of all parameters."""
+    """Columns s (R, k) of a joint after whitening, s's (k, k) and X's (p, k), with X over all parameters."""
 
     s: np.ndarray
     ss: np.ndarray
@@ -134,8 +135,7 @@ class Products:
 
 @dataclass
 class Solved:
-    """The nuisance fit under one noise: inverse (p, p) of A = I + X'X, theta (p,), per joint whitened xw (R_j, q_j) of the columns that it
-    has and rw (R_j,)."""
+    """Nuisance fit under one noise: inverse (p, p) of A = I + X'X, theta (p,), per joint white xw (R_j, q_j) and rw (R_j,)."""
 
     rows: ResidualRows
     noise: Noise
@@ -145,16 +145,16 @@ class Solved:
     theta: np.ndarray
 
     def residuals(self) -> list[np.ndarray]:
-        """Per joint (R_j,) N m: what the nuisance leaves."""
+        """Per joint (R_j,) N m that the nuisance leaves."""
         return [r - self.rows.predicted(j, self.theta) for j, r in enumerate(self.rows.r)]
 
     def left(self) -> list[np.ndarray]:
-        """Per joint, whitened."""
+        """Per joint, the same after whitening."""
         pairs = zip(self.rw, self.xw, strict=True)
         return [r - x @ self.theta[self.rows.used(j)] for j, (r, x) in enumerate(pairs)]
 
     def products(self, j: int, s: np.ndarray) -> np.ndarray:
-        """X_j' s (p, ...) of whitened s (R_j, ...) at joint j, in the places of all parameters."""
+        """X_j' s (p, ...) for white s (R_j, ...) of joint j, at the places of all parameters."""
         out = np.zeros((len(self.theta), *s.shape[1:]))
         out[self.rows.used(j)] = self.xw[j].T @ s
         return out
@@ -162,9 +162,9 @@ class Solved:
     def gain_of(
         self, pieces: Mapping[int, Products], g: np.ndarray, spread: tuple[float, ...] | None = None
     ) -> tuple[Any, np.ndarray]:
-        """As `gain`, from products that were made before and their products g (k,) with the residual: fall of chi2 and coefficients (k,).
+        """As `gain`, from stored products and their g (k,) with the residual: fall of chi2 and coefficients (k,).
 
-        g (k, D) is of D residuals: (D,) and (k, D).
+        For D residuals g is (k, D), and the results are (D,) and (k, D).
         """
         ss, xs = (np.sum([getattr(x, of) for x in pieces.values()], axis=0) for of in ("ss", "xs"))
         return _gained(g, ss, xs, self.inverse, spread)[:2]
@@ -175,7 +175,7 @@ class Solved:
         spread: tuple[float, ...] | None = None,
         left: list[np.ndarray] | None = None,
     ) -> tuple[float, np.ndarray, np.ndarray]:
-        """Fall of chi2 when whitened columns {joint: (R_j, k)} join: gain, coefficients (k,), their covariance (k, k).
+        """Fall of chi2 when white columns {joint: (R_j, k)} join: gain, coefficients (k,), their covariance (k, k).
 
         spread: prior standard deviation of each coefficient, where they have one.
         """
@@ -205,7 +205,7 @@ def _gained(
 
 @dataclass(frozen=True)
 class White:
-    """Whitened rows of one joint and their products: x (R, q), r (R,), x'x, x'r; of which noise and rows, so that identities stay."""
+    """White rows of one joint and their products: x (R, q), r (R,), x'x, x'r; of: objects kept alive for their ids."""
 
     x: np.ndarray
     r: np.ndarray
@@ -215,7 +215,7 @@ class White:
 
 
 def _whitened(rows: ResidualRows, noise: Noise, j: int) -> White:
-    """Of joint j; taken from the models' link side where nothing that it depends on has changed."""
+    """Of joint j; cached on the models' link side as long as nothing that it depends on changes."""
     if rows.own is not None:
         x, r = rows.whiten(noise, j, rows.own[j]), rows.whiten(noise, j, rows.r[j])
         return White(x, r, x.T @ x, x.T @ r, ())
@@ -237,7 +237,7 @@ def _whitened(rows: ResidualRows, noise: Noise, j: int) -> White:
 
 
 def solve(rows: ResidualRows, noise: Noise) -> Solved:
-    """Fit the nuisance within its prior; a parameter that would fall below its least value is held there."""
+    """Fit the nuisance within its prior; a parameter that would fall below its `least` value is held there."""
     white = [_whitened(rows, noise, j) for j in range(rows.n)]
     xw, rw = [w.x for w in white], [w.r for w in white]
     a, g = np.eye(len(rows.mean)), rows.mean.copy()

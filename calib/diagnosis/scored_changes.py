@@ -1,4 +1,4 @@
-"""What every candidate brings as a change since healthy recordings: a likelihood ratio with the null's spread in the covariance."""
+"""What every candidate brings as a change since healthy recordings: a likelihood ratio with the null's spread added."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from calib.diagnosis.rows import Solved
 from sim.arm import Arm, ArmEffect
 from sim.effects import effect_named
 
-PER_PARAMETER = 2.0  # what one more parameter costs on the scale of -2 log likelihood
-CONTACT_PRICE = 60.0  # hundreds of windows are tried, and a wrong law of friction looks like a push for a moment
+PER_PARAMETER = 2.0  # price of each further parameter on the scale of -2 log likelihood
+CONTACT_PRICE = 60.0  # hundreds of windows are tried, and a wrong friction law looks like a push for a moment
 
 
 @dataclass(frozen=True)
 class Changed:
-    """One change: the effect with its standard deviations, what it brings on the scale of -2 log likelihood, and what would bring the same."""
+    """One change: the effect with standard deviations, its gain in -2 log likelihood, and rivals that would bring the same."""
 
     effect: ArmEffect
     std: dict[str, float]
@@ -33,9 +33,10 @@ class Changed:
 
 @dataclass
 class ScoredChange:
-    """A candidate with its columns per joint (R, k), coefficients and covariance with the null's spread.
+    """A candidate with its columns per joint (R, k), coefficients, and covariance with the null's spread.
 
-    gain: likelihood ratio with that spread; worth: that less its price, which decides whether; brings: fall of chi2 less the price, which decides which.
+    gain: likelihood ratio with that spread; worth: gain less the price, which decides whether there is a change;
+    brings: fall of chi2 less the price, which decides which change it is.
     """
 
     candidate: Candidate | None
@@ -62,7 +63,7 @@ class ScoredChange:
 def scored_changes(
     solved: Solved, models: list[LogModel], null: dict[tuple[Key, int], Null], skip: set[Key], arm: Arm
 ) -> list[ScoredChange]:
-    """Every candidate beside what is accepted, most worth first, one entry per effect and joint."""
+    """Every candidate beside what is accepted, largest `brings` first, one entry per effect and joint."""
     best: dict[Key, ScoredChange] = {}
     left = solved.left()
     for c in candidates(models):
@@ -92,7 +93,7 @@ def scored_changes(
 
 
 def same_candidate(s: ScoredChange, models: list[LogModel]) -> Candidate | None:
-    """The same candidate, at the same point of its shape, on other logs."""
+    """The same candidate, from the same start of its shape, on other logs; None for a contact."""
     if s.candidate is None:
         return None
     there = candidates(models, of(s.effect, models[0].arm.joint_names))
@@ -100,7 +101,7 @@ def same_candidate(s: ScoredChange, models: list[LogModel]) -> Candidate | None:
 
 
 def _spread(s: ScoredChange) -> dict[str, float]:
-    """Standard deviation of every parameter, by finite differences of its law in the coefficients."""
+    """Standard deviation of every parameter, by finite differences of `combine` in the coefficients; 0 for a contact."""
     if s.candidate is None:
         return dict.fromkeys(s.effect.parameters, 0.0)
     root = np.linalg.cholesky(s.covariance + 1e-12 * np.trace(s.covariance) * np.eye(len(s.coefficients)))

@@ -1,4 +1,4 @@
-"""What every effect of the catalogue promises beside a fit: the linear fall of chi2, with the accepted parameters free."""
+"""Linear gain of every catalogue effect beside a fit: the fall of chi2 that it promises, with the accepted parameters free."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from sim.effects import effect_named
 
 @dataclass(frozen=True)
 class Scored:
-    """A candidate with the linear fall of chi2 it promises, and the parameters there."""
+    """A candidate with its linear gain (fall of chi2) and its parameters there."""
 
     effect: ArmEffect
     gain: float
@@ -39,27 +39,27 @@ class Scored:
 
 
 class Bank:
-    """Whitened columns of all candidates under one noise, with their products; computed again only where a joint's path has changed."""
+    """White columns of all candidates under one noise, with their products; recomputed only where a joint's path changed."""
 
     def __init__(self) -> None:
         self._old: dict[Hashable, tuple[Products, Any]] = {}
         self._new: dict[Hashable, tuple[Products, Any]] = {}
 
     def turn(self) -> None:
-        """A new round of scoring: what neither this round nor the last one used is dropped."""
+        """Begin a new round of scoring; what the last round did not use is dropped."""
         self._old, self._new = self._new, {}
 
     def piece(self, f: Fit, c: Candidate, j: int, keep: bool) -> Products:
-        """Columns of candidate c at joint j; keep: for the rounds to come."""
+        """Products of candidate c at joint j; keep: for the rounds to come."""
         model, solved = f.models[0], f.solved
-        # a column behind the load depends on its joint alone
+        # a column after the load depends on its joint alone
         sides = [m.side.joints[j] if effect_named(c.effect).stage in LATE else m.side for m in f.models]
         key = (c.key, c.number, j, model.joint_key(j), tuple(id(side) for side in sides), id(solved.noise))
         found = self._new.get(key) or self._old.get(key)
         if found is None:
             rows = solved.rows
             s = rows.whiten(solved.noise, j, rows.take(j, [x[j] for x in c.columns]))
-            # what the key tells apart by identity is kept with it
+            # objects that the key identifies by id are kept alive with it
             found = Products(s, s.T @ s, solved.products(j, s)), (solved.noise, *sides)
         if keep:
             self._new[key] = found
@@ -69,9 +69,9 @@ class Bank:
 def scored(
     f: Fit, skip: Collection[Key] = (), bank: Bank | None = None, ask_contact: bool = True, wanted: Wanted | None = None
 ) -> list[Scored]:
-    """Every candidate beside a fit, or those `wanted`, best first, one entry per effect and joint; unphysical ones are left out.
+    """Candidates beside a fit, all or those `wanted`, best first, one entry per effect and joint, without implausible ones.
 
-    The parameters of accepted effects are free beside the candidate: one may hold a part of what the candidate does.
+    The parameters of accepted effects stay free: one of them may hold a part of what the candidate does.
     """
     best: dict[Key, Scored] = {}
     solved, left, observed = f.solved, f.joint.left(), f.hypothesis.observed
@@ -100,7 +100,10 @@ def scored(
 def beside_accepted(
     f: Fit, skip: Collection[Key], bank: Bank, wanted: Wanted | None = None
 ) -> Iterator[tuple[Candidate, dict[int, Products]]]:
-    """Every candidate beside the nuisance and the accepted effects of a fit, per joint that it touches; without `skip` and what is ordinary there."""
+    """Candidates beside the nuisance and accepted effects of a fit, with products per joint that they affect.
+
+    Those in `skip`, and those that are ordinary at their joint, are left out.
+    """
     if wanted is None:
         bank.turn()
     accepted = [x[:, z.shape[1] :] for x, z in zip(f.joint.xw, f.solved.xw, strict=True)]
@@ -111,12 +114,12 @@ def beside_accepted(
 
 
 def _beside(accepted: np.ndarray, c: Products) -> Products:
-    """Products of a candidate with the nuisance and whitened columns (R, k) of the accepted parameters of its joint."""
+    """Products of a candidate, extended by the white columns (R, k) of the accepted parameters at its joint."""
     return replace(c, xs=np.concatenate([c.xs, accepted.T @ c.s])) if accepted.shape[1] else c
 
 
 def _as_prior(observed: Observed, c: Candidate) -> tuple[tuple[float], float]:
-    """What was observed as a prior of the one coefficient: its standard deviation, and its middle over the variance."""
+    """What was observed as a prior of the one coefficient: its standard deviation, and its mean over the variance."""
     none, one = (next(iter(c.combine(np.array([x])).values())) for x in (0.0, 1.0))
     spread = observed.std / (one - none)
     return (abs(spread),), (observed.value - none) / (one - none) / spread**2
@@ -127,10 +130,10 @@ def _ranked(best: dict[Key, Scored]) -> list[Scored]:
 
 
 def beside(rest: Fit, f: Fit, i: int, share: float, bank: Bank | None = None) -> list[Scored]:
-    """What promises at least `share` of the i-th effect of `f` at its joint in its place, best first; `rest` is `f` without it.
+    """Candidates with more than `share` of the linear gain of the i-th effect of `f`, in its place; `rest` is without it.
 
-    A promise is compared with a promise: along a strong effect the exact fall is a multiple of the linear one, because robust
-    weights and a noise that holds the effect too belong to `rest`.
+    Best first. Linear gains are compared with each other: the exact gain of a strong effect, under Huber's loss, may be a
+    fraction of its linear gain.
     """
     item = f.accepted[i]
     own, wanted = item.key, in_place_of(item, rest.hypothesis.arm.joint_names)

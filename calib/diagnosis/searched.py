@@ -1,7 +1,7 @@
-"""The search for effects, and once more where the loads that it found show a gap that the nominal loads hid.
+"""The search for effects, repeated once if the loads that it found show a gap that the nominal loads hid.
 
-What stands between motor and link shows in the following error by the sign of the load through the gear. Under a payload or a force that
-the model lacks, that sign is wrong.
+Effects between motor and link show in the following error by the sign of the load through the gear. Under a payload or a force
+that is missing from the model, that sign is wrong.
 """
 
 from __future__ import annotations
@@ -28,7 +28,10 @@ def searched(
     nominal: Arm,
     progress: Callable[[str], None] = lambda text: None,
 ) -> tuple[list[Measurement], SearchResult]:
-    """The recordings with what their following errors show, and the effects of the first `fitted` of them; `nominal`: what `every` was measured with."""
+    """The recordings with what their following errors show, and the effects of the first `fitted` of them.
+
+    nominal: the arm that `every` was measured with.
+    """
     seen = clear([m.followed for m in every])
     found = _found(every[:fitted], Hypothesis.nominal(start, seen), progress)
     under = start
@@ -49,5 +52,5 @@ def _found(measurements: Sequence[Measurement], hypothesis: Hypothesis, progress
 
 
 def _new(shown: Mapping[Key, Observed], seen: Mapping[Key, Observed]) -> bool:
-    """Whether a parameter is shown that was not seen, or clearly another value of one."""
+    """Whether a parameter is shown that was not seen before, or clearly another value of one."""
     return any(key not in seen or abs(now.value - seen[key].value) > CLEAR * seen[key].std for key, now in shown.items())

@@ -1,4 +1,4 @@
-"""Which effects, at which joints: forward steps over the whole catalogue, then deletion and exchange, each time fitted exactly."""
+"""Which effects, at which joints: forward steps over the whole catalogue, then deletion and exchange, fitted exactly."""
 
 from __future__ import annotations
 
@@ -20,20 +20,22 @@ from sim.arm import Arm, ArmEffect
 from sim.effects import effect_named
 
 MOST_EFFECTS = 8
-MOST_AT_A_JOINT = 3  # more than that at one joint imitate something that the catalogue does not hold
-# Over the noise: where that many effects leave more, none explains that joint, and the search ends. Real arms leave up to 1.9 there (SH Electric),
-# strong effects that no catalogue has 3.1 to 8 (practice cases), and minutes went into names that are not given.
+MOST_AT_A_JOINT = 3  # more than that at one joint imitate something outside the catalogue
+# Residual over noise at a joint with MOST_AT_A_JOINT effects, above which the catalogue does not explain the joint and the
+# search ends. Real arms leave up to 1.9 there (SH Electric), strong effects outside any catalogue 3.1 to 8 (practice cases).
+# Without the limit, minutes went into names that are not given.
 MOST_REST = 2.5
 TRIED, MOST_TRIED, CLOSE = 3, 9, 0.6
-# Of an effect without a zero, over its linear promise: a width or a twist acts on torque in no proportion; bristles narrower than what every
-# bearing has change nothing at all. KEPT: share of the promise with which no other strength is tried. Of any effect that makes a fit worse: the
-# promise of a time delay may be several times what the torque between two reversals bears.
+# STRENGTHS: tried for an effect without a zero, over its linear estimate. Torque is not proportional to a width or a twist, and
+# bristles narrower than those of every bearing change nothing. KEPT: share of the linear gain above which no other strength is
+# tried. WEAKER: tried for any effect that makes a fit worse; the linear estimate of a time delay may be several times what the
+# torque between two reversals bears.
 STRENGTHS, KEPT, WEAKER = (0.5, 2.0), 0.5, (0.5, 0.2)
 
 
 @dataclass(frozen=True)
 class SearchResult:
-    """What the search ends with: the fit, the fit without effects, and the candidates that came near, at every step."""
+    """Result of the search: the fit without effects, the best fit, and the best candidates at every step."""
 
     baseline: Fit
     best: Fit
@@ -41,12 +43,12 @@ class SearchResult:
 
     @cached_property
     def rests(self) -> list[Rest]:
-        """Per joint the residual of the best fit beside the noise."""
+        """Per joint, the residual of the best fit compared with the noise."""
         return rests(self.baseline, self.best)
 
     @property
     def hopeless(self) -> bool:
-        """Whether as many effects as a joint may have leave far more than the noise there: the catalogue does not hold what it has."""
+        """Whether a joint with as many effects as it may have keeps far more than noise: its effect is not in the catalogue."""
         full = _full_joints(self.best)
         return bool(full) and any(r.joint in full and r.sigma > MOST_REST * r.expected for r in self.rests)
 
@@ -61,7 +63,7 @@ def started(measurements: Sequence[Measurement], hypothesis: Hypothesis) -> Fit:
 def search(
     measurements: Sequence[Measurement], hypothesis: Hypothesis, progress: Callable[[str], None] = lambda text: None
 ) -> SearchResult:
-    """Forward, backward and exchange until nothing helps; the noise is measured once, beside the model."""
+    """Forward steps, deletion and exchange until nothing helps; the noise is measured once, independently of the model."""
     baseline = started(measurements, hypothesis)
     return grown(measurements, SearchResult(baseline, baseline), progress)
 
@@ -69,7 +71,7 @@ def search(
 def grown(
     measurements: Sequence[Measurement], found: SearchResult, progress: Callable[[str], None] = lambda text: None
 ) -> SearchResult:
-    """The search gone on: effects added to `found.best`, taken away and exchanged, until nothing helps."""
+    """The search continued from `found.best`: effects are added, removed and exchanged until nothing helps."""
     bank, hopeless = Bank(), set[Key]()
     while len(found.best.accepted) < MOST_EFFECTS:
         best = found.best
@@ -86,7 +88,7 @@ def grown(
 
 
 def at_full_joint(s: Scored, f: Fit) -> bool:
-    """Whether a candidate acts at a joint that has MOST_AT_A_JOINT effects."""
+    """Whether a candidate acts at a joint that already has MOST_AT_A_JOINT effects."""
     return bool(_full_joints(f) & acts_at(s.effect, f.hypothesis.arm.joint_names))
 
 
@@ -97,14 +99,14 @@ def _full_joints(f: Fit) -> set[str]:
 
 
 def best_next(measurements: Sequence[Measurement], f: Fit, ranked: list[Scored]) -> Fit | None:
-    """The best fit with one of the candidates: of those that promise nearly as much as the first.
+    """The best fit with one more candidate, from those whose linear gain is near the first's; None if none helps.
 
-    Where none of these helps, of the next ones that promise more than their price.
+    If none of these helps, the next ones are tried whose linear gain exceeds their price.
     """
     left, tried = ranked, 0
     while left and tried < MOST_TRIED:
         some = [s for s in left[:TRIED] if s.gain > CLOSE * left[0].gain]
-        # one after the other: a fit holds tens of megabytes
+        # one at a time: a fit holds tens of megabytes
         fits = (g for s in some if admissible(g := add(measurements, f, s)) and cost(g) < cost(f))
         if (best := min(fits, key=cost, default=None)) is not None:
             return best
@@ -115,8 +117,8 @@ def best_next(measurements: Sequence[Measurement], f: Fit, ranked: list[Scored])
 def add(measurements: Sequence[Measurement], f: Fit, s: Scored) -> Fit:
     """The fit with one more effect.
 
-    What was observed keeps the size that was observed. A width or a twist that keeps too little of its promise is fitted again from other
-    strengths, any effect that makes the fit worse from smaller ones.
+    An observed effect keeps its observed size. A width or a twist that keeps too little of its linear gain is fitted again from
+    other strengths, and any other effect that makes the fit worse from smaller ones.
     """
     observed = f.hypothesis.observed.get(s.key)
     if observed is not None:
@@ -143,7 +145,7 @@ def joints_of(item: ArmEffect, arm: Arm) -> list[int]:
 
 
 def _pruned(measurements: Sequence[Measurement], f: Fit) -> Fit:
-    """Without the effects that the last one has made superfluous."""
+    """The fit without effects that the last one made superfluous."""
     while touched := [i for i, e in enumerate(f.accepted[:-1]) if _share_a_joint(e, f.accepted[-1])]:
         better = min((without(measurements, f, i) for i in touched), key=cost)
         if cost(better) >= cost(f):
@@ -160,10 +162,10 @@ def without(measurements: Sequence[Measurement], f: Fit, i: int) -> Fit:
 
 
 def exchanged(measurements: Sequence[Measurement], f: Fit, bank: Bank, hopeless: set[Key]) -> Fit:
-    """Each effect but the last exchanged for what comes near it beside the others, as long as that is better.
+    """Each effect but the last exchanged for a near candidate beside the others, as long as that lowers the cost.
 
-    Only those are asked that share a joint with the last one: at another joint it changes nothing that their names rest on. What fits
-    worse than nothing in the place of one, whatever it promises, joins `hopeless` and is not asked again.
+    Only effects that share a joint with the last one are tried: at other joints it changes nothing that their names rest on. A
+    candidate that fits worse than no effect in that place, whatever its linear gain, joins `hopeless` and is not tried again.
     """
     again = True
     while again and len(f.accepted) > 1:
@@ -187,5 +189,5 @@ def exchanged(measurements: Sequence[Measurement], f: Fit, bank: Bank, hopeless:
 
 
 def _share_a_joint(a: ArmEffect, b: ArmEffect) -> bool:
-    """Whether two effects change the torque of one joint."""
+    """Whether two effects change the torque of a common joint."""
     return a.joint == b.joint or acts_everywhere(a) or acts_everywhere(b)

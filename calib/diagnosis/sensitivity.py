@@ -1,4 +1,4 @@
-"""How the predicted torque changes with every fitted parameter: finite differences along the exact torque path."""
+"""Sensitivity of the predicted torque to every fitted parameter, by finite differences along the exact torque path."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from sim.prediction import by_stage, link_side, motor_side
 
 
 def columns_of(models: list[LogModel], hypothesis: Hypothesis) -> list[list[np.ndarray]]:
-    """Per fitted parameter and log: the change (R, n) of predicted torque per unit of it."""
+    """Per fitted parameter and log: change (R, n) of the predicted torque per fitting unit."""
     out = []
     for i, p in parameters_of(hypothesis.accepted):
         item = hypothesis.accepted[i]
@@ -27,7 +27,7 @@ def columns_of(models: list[LogModel], hypothesis: Hypothesis) -> list[list[np.n
 
 
 def other_law(model: LogModel, hypothesis: Hypothesis, log: int, item: ArmEffect, law: Effect) -> np.ndarray:
-    """(R, n) change of predicted torque where `item`, an effect of the arm or the contact, follows `law` with the same parameters."""
+    """(R, n) change of predicted torque if `item`, an effect of the arm or a contact, follows `law` with its parameters."""
     if item.joint is None or effect_named(item.effect).stage not in LATE:
         event = hypothesis.event(log)
         tau = _predicted(model, hypothesis, hypothesis.arm, event, law)
@@ -47,7 +47,7 @@ def _step(item: ArmEffect, p: Parameter) -> float:
 
 
 def _slope(model: LogModel, hypothesis: Hypothesis, log: int, item: ArmEffect, moved: ArmEffect, step: float) -> np.ndarray:
-    """(R, n) change of predicted torque per unit of the parameter that `moved` has changed by `step`."""
+    """(R, n) change of predicted torque per unit of the parameter that `moved` changes by `step`."""
     if effect_named(item.effect).stage not in LATE or item.joint is None:
         return model.rows(_difference(model, hypothesis, log, item, moved)) / step
     j = model.arm.joint_index(item.joint)

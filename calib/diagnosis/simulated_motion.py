@@ -1,4 +1,4 @@
-"""The simulated motion of changed arms beside that of the arm as it was: none is written with which it is farther from the recorded one."""
+"""Simulated motion of changed arms: a change is not written if it moves farther from the recording than the arm as it was."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from calib.validation.forward import HORIZONS, ForwardError, forward_error
 from sim.arm import Arm
 from sim.errors import ConfigError
 
-FARTHER = 0.05  # share by which the simulated flange may be farther off
+FARTHER = 0.05  # share by which the simulated flange may be farther from the recorded one
 ENOUGH = 4  # windows, or parts of one
 FEW = tuple(replace(h, windows=w) for h, w in zip(HORIZONS, (12, 5, 1), strict=True))
 
 
 class SimulatedMotion:
-    """Errors of changed arms and of `start` in forward simulation, on the first recording on which every joint moves long enough."""
+    """Forward-simulation errors of changed arms and `start`, on the first recording in which every joint moves long enough."""
 
     def __init__(self, start: Arm, shown: Sequence[Measurement]) -> None:
         self.start, self.shown = start, shown
@@ -43,11 +43,11 @@ class SimulatedMotion:
         return tuple((a, b) for a, b in zip(before, self._known[id(change)][1], strict=True) if a.starts)
 
     def rises(self, change: ArmChange) -> bool:
-        """Whether over any horizon the flange is farther off, by more than FARTHER and significantly from window to window."""
+        """Whether over any horizon the flange is farther off, by more than FARTHER and significantly over the windows."""
         return any(_farther(a, b) for a, b in self.errors(change))
 
     def worst(self, change: ArmChange) -> tuple[float, float]:
-        """m before and after, over the horizon at which the error grows most."""
+        """Flange error m before and after, over the horizon at which it grows most."""
         stable = [pair for pair in self.errors(change) if 0.0 < pair[0].flange < np.inf]
         a, b = max(stable, key=lambda pair: pair[1].flange / max(pair[0].flange, 1e-12))
         return a.flange, b.flange
@@ -55,7 +55,7 @@ class SimulatedMotion:
     def _of(self, change: ArmChange, m: Measurement) -> tuple[ForwardError, ...]:
         try:
             return _errors(change.of(self.start), m, self.start)
-        except ConfigError:  # of masses that no body has
+        except ConfigError:  # not physically consistent
             endless = np.full(self.start.n, np.inf)
             return tuple(ForwardError(h, endless, np.inf, endless, (0,), np.full(ENOUGH, np.inf)) for h in FEW)
 

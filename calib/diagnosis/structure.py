@@ -1,4 +1,4 @@
-"""Whether anything is left that depends on the motion: parts of the catch-all fitted to the rest, and tried on logs kept apart."""
+"""Motion-dependent structure in what a fit leaves: parts of the additive basis fitted to it and tested on held-out logs."""
 
 from __future__ import annotations
 
@@ -15,25 +15,26 @@ from calib.diagnosis.tone import strongest
 from calib.measurement.preprocessing import Measurement
 from calib.regression.robust import huber
 
-# Standard deviation of the prior of a whitened column of unit length: wide, but bounded where a part is badly conditioned.
+# Prior standard deviation for a white column of unit length: wide, but a bound where a part is badly conditioned.
 SPREAD = 9.0
-BARELY = 0.1  # of the longest column: what the fit has hardly seen may not grow large elsewhere
-# On recordings without one (benchmarks/exam) at most 42 together with 6, and on most joints a third of that. What is CLEARLY times as strong where it
-# was fitted needs less on the others in proportion: a pedestal that swings brought 90 and 7 (seed 26112821), what a neighbour's drag left 48 and 7.
-# Of 1,700 joints without one (seeds 26112921 to 26113001) none with more than 50 brought anything on a recording kept apart.
+BARELY = 0.1  # of the longest column: what the fit has hardly seen must not grow large elsewhere
+# Least gain in the fit, and on held-out logs. Recordings without structure (benchmarks/exam) reach at most 42 together with 6,
+# most joints a third of that. Structure CLEARLY times as strong as LEAST in the fit needs proportionally less elsewhere: a
+# swinging pedestal brought 90 and 7 (seed 26112821), what a neighbour's drag left 48 and 7. Of 1,700 joints without structure
+# (seeds 26112921 to 26113001) none with more than 50 brought anything on a held-out recording.
 LEAST, LEAST_APART, CLEARLY = 38.0, 8.0, 2.0
-LEAST_SHARE = 0.02  # a long recording sees more than is worth an answer
+LEAST_SHARE = 0.02  # a long recording shows more than is worth reporting
 
 
 @dataclass(frozen=True)
 class Structure:
-    """The part of the catch-all that holds best for one joint's rest.
+    """The part of the additive basis that holds best for one joint's residual.
 
     fitted    fall of chi2 on the logs of the fit, nuisance free to move
-    held_out  fall of the loss on logs kept apart, nothing fitted there; nan without such logs
-    share     of the rest's variance, whitened, that it explains
-    rms       N m, what that is of the rest
-    columns   of the hats of a turn, 0 of another part: noise alone brings about 1 with each
+    held_out  fall of the loss on held-out logs, nothing fitted there; nan without such logs
+    share     of the residual's variance, after whitening, that it explains
+    rms       N m of that
+    columns   number of hat functions of a turn, 0 of another part: noise alone brings about 1 with each
     """
 
     joint: str
@@ -46,13 +47,16 @@ class Structure:
 
     @property
     def enough(self) -> float:
-        """What `fitted` must exceed: LEAST, which was chosen on parts of up to 24 columns, and what noise brings in many hats where no log was
-        kept apart to show that it comes again (without it, 18 of 96 clean arms had friction at one angle)."""
+        """What `fitted` must exceed.
+
+        LEAST was chosen on parts of up to 24 columns. Without held-out logs to confirm a part, what noise brings in many hat
+        functions is added; otherwise 18 of 96 clean arms had friction at one angle.
+        """
         return LEAST + (self.columns if np.isnan(self.held_out) else 0)
 
     @property
     def real(self) -> bool:
-        """Whether it is more than the noise of a recording and the wrong forms of ordinary effects bring, and worth a word."""
+        """Whether it exceeds what noise and wrong forms of ordinary effects bring, and is worth reporting."""
         enough = LEAST_APART * (LEAST / self.fitted if self.fitted > CLEARLY * LEAST else 1.0)
         return self.fitted > self.enough and not self.held_out < enough and self.share > LEAST_SHARE
 
@@ -79,7 +83,7 @@ def _parts(best: Fit, rest: list[np.ndarray], kept: list[LogModel], basis: Addit
     rows, noise = solved.rows, solved.noise
     other = ResidualRows(kept) if kept else None
     out: list[Structure] = []
-    spots = basis.spots(j)  # of one shape each, so of one prior: an angle that was hardly passed says nothing
+    spots = basis.spots(j)  # one shape each, so one prior: an angle that was hardly passed says nothing
     for name, columns in (basis.groups(j) | spots).items():
         seen = rows.take(j, columns[:count])
         varied = seen.std(axis=0) > 1e-9 if len(seen) else np.zeros(0, dtype=bool)
@@ -105,7 +109,7 @@ def _parts(best: Fit, rest: list[np.ndarray], kept: list[LogModel], basis: Addit
 
 
 def _tones(best: Fit, kept: list[LogModel], j: int) -> list[Structure]:
-    """The strongest oscillation at one frequency, if every recording has it."""
+    """The strongest oscillation at one frequency, if every recording shows it."""
     models = [*best.models, *kept]
     left = [m.residual[:, j] - m.nuisance_torque(j, best.solved.theta) for m in models]
     found = strongest(models, left, j, len(best.models))

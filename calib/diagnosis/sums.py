@@ -1,11 +1,12 @@
-"""R_j^T R_j = [X D S r]_j^T [X D S r]_j: all that a piece of recording says of names, in a few triangular factors.
+"""R_j^T R_j = [X D S r]_j^T [X D S r]_j: all that a piece of recording says about named effects, in a few triangular factors.
 
-Where names, noise and the point of linearisation are fixed beforehand, the whitened rows of joint j are linear in what is uncertain,
+With names, noise and linearisation point fixed, the white rows of joint j are linear in what is uncertain,
 
     r = X theta + D delta + S c + e
 
-theta the nuisance within its prior N(0, I), delta changes of the named effects' parameters, c the sizes of all other candidates. The
-triangular factor R_j of a piece stands for its rows; factors join in any order and any grouping (calib.regression.information).
+with theta the nuisance within its prior N(0, I), delta changes of the named effects' parameters, and c the sizes of all other
+candidates. The triangular factor R_j of a piece replaces its rows; factors merge in any order and grouping
+(calib.regression.information).
 """
 
 from __future__ import annotations
@@ -31,30 +32,30 @@ from sim.arm import ArmEffect
 from sim.motion_view import Combine
 from sim.version import program_version
 
-# A contact happens once and is no property of the arm; where a drive's limit is tried depends on the largest torque of the rows at hand.
+# A contact happens once and is no property of the arm. A drive's limit is tried at values that depend on the rows at hand.
 NOT_SUMMED = (CONTACT, "torque_saturation")
 
 
 @dataclass(frozen=True)
 class Point:
-    """Where rows are linearised and how they are weighed: the same for every piece."""
+    """Where rows are linearised and how they are weighted: the same for every piece."""
 
     hypothesis: Hypothesis
     noise: Noise
     warming: Scale | None
 
     def model(self, log: Log) -> LogModel:
-        """A piece under the hypothesis."""
+        """The model of a piece under the hypothesis."""
         (m,) = on_scale([measured(log, self.hypothesis.start)], self.warming)
         return LogModel(m, self.hypothesis)
 
     def at(self, delta: np.ndarray) -> Point:
-        """The named effects' parameters moved by delta (k,) in fitting units, kept inside their bounds."""
+        """The point with the named effects' parameters moved by delta (k,) in fitting units, within their bounds."""
         return Point(moved(self.hypothesis, delta), self.noise, self.warming)
 
     @property
     def digest(self) -> str:
-        """Changes with anything that the factors depend on beside the piece."""
+        """A hash over everything that the factors depend on besides the piece."""
         h = self.hypothesis
         words = f"{program_version()} {h.start.sha256} {[(e.effect, e.joint, sorted(e.parameters.items())) for e in h.accepted]} {h.delay!r} {h.ripples}"
         digest = hashlib.sha256(words.encode())
@@ -89,7 +90,7 @@ def portion(point: Point, log: Log, others: bool = True) -> JointInformation:
 
 
 def others_of(point: Point, log: Log) -> tuple[Other, ...]:
-    """What the columns S mean; the same for every piece, so any will do."""
+    """What the columns S mean; the same for every piece, so any piece will do."""
     model = point.model(log)
     first = len(model.names) + len(parameters_of(point.hypothesis.accepted)) + 1
     end = [first] * model.n
@@ -111,7 +112,7 @@ def _beside(model: LogModel, hypothesis: Hypothesis):  # type: ignore[no-untyped
 
 @dataclass(frozen=True)
 class SummedSolution:
-    """theta (p,), delta (k,) with covariance (k, k), both at the least squares of all rows, and chi2 with delta there and at zero."""
+    """Least squares over all rows: theta (p,), delta (k,) with covariance (k, k), and chi2 with that delta and with zero."""
 
     theta: np.ndarray
     delta: np.ndarray
@@ -121,10 +122,10 @@ class SummedSolution:
 
 
 class Solver:
-    """Least squares over a portion's rows; the prior of the nuisance stands in rows of its own.
+    """Least squares over a portion's rows; the prior of the nuisance adds rows of its own.
 
-    So does what is known of the named parameters beside the torque: changes mean (k,) with standard deviations std (k,), infinite where
-    nothing is.
+    So does what is known of the named parameters beside the torque: changes with mean (k,) and standard deviation (k,),
+    infinite where nothing is known.
     """
 
     def __init__(
@@ -142,7 +143,7 @@ class Solver:
         self._left = self._b - self._q @ (self._q.T @ self._b)
 
     def solution(self) -> SummedSolution:
-        """Where everything that is free stands best; a parameter that no row shows stays where it is."""
+        """The least-squares solution; a parameter that no row shows stays where it is."""
         p, k = self._p, self._k
         z, *_ = np.linalg.lstsq(self._r, self._q.T @ self._b, rcond=1e-12)
         inverse = np.linalg.pinv(self._r, rcond=1e-12)
@@ -173,7 +174,7 @@ class Solver:
 
 
 def best_other(part: JointInformation, others: Sequence[Other], nuisance: int, named: int) -> tuple[float, Key | None]:
-    """What the likeliest candidate beside the names brings above its price, and which it is; 0 and None where none is worth its price."""
+    """Gain above its price of the likeliest candidate that is not named, and its key; 0 and None if none is worth its price."""
     solver = Solver(part, nuisance, named)
     best: tuple[float, Key | None] = (0.0, None)
     for other in others:

@@ -1,8 +1,9 @@
-"""A tone: torque that oscillates at one frequency in every recording, whatever the motion is (mains pick-up, a fan, another machine).
+"""A tone: torque at one frequency in every recording, whatever the motion (mains pick-up, a fan, another machine).
 
-With P the Hann-windowed periodogram of one joint's residual and P_0 its median within NEAR of a frequency over ln 2, P / P_0 of noise is exponential
-with mean 1, so 2 P / P_0 is chi-square with two degrees of freedom; over recordings they add, the phases being free. The largest over all
-frequencies is tested (R. A. Fisher 1929, doi:10.1098/rspa.1929.0151), with the local median as the noise, because residuals are coloured.
+P is the Hann-windowed periodogram of one joint's residual, and P_0 its median within NEAR of a frequency, over ln 2. For noise
+P / P_0 is exponential with mean 1, so 2 P / P_0 is chi-square with two degrees of freedom. Over recordings these add, since the
+phases are free. The largest over all frequencies is tested (R. A. Fisher 1929, doi:10.1098/rspa.1929.0151), with the local
+median as the noise because residuals are coloured.
 """
 
 from __future__ import annotations
@@ -16,13 +17,13 @@ from scipy.ndimage import median_filter
 
 from calib.diagnosis.model import LogModel
 
-LOWEST, NEAR = 0.5, 0.5  # Hz; below, every model's errors are slow
+LOWEST, NEAR = 0.5, 0.5  # Hz; below LOWEST lie the slow errors of every model
 LEAST_ROWS = 100
 
 
 @dataclass(frozen=True)
 class Tone:
-    """gains (L,) of the recordings, chi-square with two degrees of freedom each if there is no tone; amplitude N m."""
+    """gains (L,) of the recordings, each chi-square with two degrees of freedom without a tone; amplitude N m."""
 
     frequency: float
     gains: tuple[float, ...]
@@ -30,10 +31,10 @@ class Tone:
 
 
 def strongest(models: Sequence[LogModel], residuals: Sequence[np.ndarray], j: int, fitted: int) -> Tone | None:
-    """The frequency of the largest sum of gains over the first `fitted` recordings; residuals (R,) N m of all rows per recording.
+    """The frequency with the largest sum of gains over the first `fitted` recordings; residuals (R,) N m per recording.
 
-    Frequencies that a periodic motion excites itself are left out. None where there are fewer than two recordings: one motion's own
-    harmonics cannot be distinguished from a tone.
+    The residuals are of all rows. Frequencies that a periodic motion itself excites are left out. None with fewer than two
+    recordings: the harmonics of one motion cannot be distinguished from a tone.
     """
     usable = [(m, e) for m, e in zip(models, residuals, strict=True) if m.measurement.row_usable[:, j].sum() >= LEAST_ROWS]
     if len(usable) < 2 or len(usable) < len(models):

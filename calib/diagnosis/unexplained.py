@@ -1,7 +1,7 @@
-"""What no effect of the catalogue explains: at which joints, how large, and on what it depends.
+"""What no effect of the catalogue explains: at which joints, how large, and what it depends on.
 
-Every joint's rest is compared with the noise that was measured beside the model; where it is larger, an additive basis
-of parts (positions, speeds, accelerations, loads, pairs, memory, time) says on which variables it depends.
+Every joint's residual is compared with the noise measured independently of the model. Where it is larger, an additive basis
+(positions, speeds, accelerations, loads, pairs, memory, time) shows which variables it depends on.
 """
 
 from __future__ import annotations
@@ -20,13 +20,14 @@ from calib.diagnosis.structure import structures
 from calib.measurement.preprocessing import Measurement
 from calib.regression.noise import scale_and_lag_one
 
-# Rest over expected rest, correlation from row to row over the other joints', and what is left of the first rest. On cases of the exam
-# (benchmarks/exam) with known effects, whose forms are not the catalogue's, a rest that is larger than expected is never coloured by more
-# than 0.06; what is left of a rest that an effect explained in another form is less than 0.15 and hardly larger than expected.
+# Residual over expected residual, lag-one correlation above the noise's, and remaining share of the first excess. On exam cases
+# (benchmarks/exam) with known effects whose forms are not the catalogue's, a residual larger than expected is coloured by at
+# most 0.06. Of one that an effect explained in another form, less than 0.15 remains, hardly larger than expected.
 SCALE_EXCESS, SHARE_LEFT = 1.25, 0.25
 COLOUR_EXCESS, COLOURED_SCALE, COLOURED_SHARE = 0.065, 1.17, 0.08
 STRUCTURE_SHARE = 0.18
-# Of a joint's rest, where its size alone does not speak of it: hum, slosh and pedestals of the exam from 0.08, what a tilt of the base leaves 0.03.
+# Share of a joint's residual, if its size alone shows nothing. Exam: hum, slosh and pedestals from 0.08; a base tilt leaves
+# 0.03.
 CLEAR_SHARE = 0.05
 RIDGE = 1e-2
 
@@ -35,9 +36,9 @@ RIDGE = 1e-2
 class Rest:
     """What the fit leaves at one joint.
 
-    sigma     N m, scale of the rest; expected the same of the noise alone (calib.diagnosis.pure_error)
-    colour    correlation from row to row over the noise's
-    share     what is left of the squared excess of the fit without effects
+    sigma     N m, scale of the residual; expected: the same for noise alone (calib.diagnosis.pure_error)
+    colour    correlation from row to row, less that of the noise
+    share     part of the squared excess without effects that remains
     """
 
     joint: str
@@ -48,14 +49,14 @@ class Rest:
 
     @property
     def odd(self) -> bool:
-        """Whether something is left that is not noise."""
+        """Whether something remains that is not noise."""
         excess = self.sigma / self.expected
         coloured = self.colour > COLOUR_EXCESS and excess > COLOURED_SCALE and self.share > COLOURED_SHARE
         return coloured or (excess > SCALE_EXCESS and self.share > SHARE_LEFT)
 
 
 def rests(baseline: Fit, best: Fit) -> list[Rest]:
-    """Per joint, what is left after naming, beside the noise that was measured without the model."""
+    """Per joint, what remains after naming, compared with the noise measured independently of the model."""
     out, noise = [], best.solved.noise
     first, last = (
         [scale_and_lag_one(e, link) for e, link in zip(f.solved.residuals(), f.solved.rows.joined, strict=True)]
@@ -72,7 +73,7 @@ def rests(baseline: Fit, best: Fit) -> list[Rest]:
 
 @dataclass(frozen=True)
 class Odd:
-    """A joint with structure that no effect explains: the variables that its rest depends on, and rms N m.
+    """A joint with structure that no effect explains: the variables that it depends on, and rms N m.
 
     fitted: fall of -2 log likelihood that the strongest part of the additive basis brings there.
     """
@@ -88,7 +89,7 @@ class Odd:
 
 
 def unexplained(baseline: Fit, best: Fit, apart: Sequence[Measurement] = ()) -> list[Odd]:
-    """The joints at which something is left that is not noise."""
+    """The joints at which something remains that is not noise."""
     out = []
     explained = [float(a @ a - b @ b) for a, b in zip(baseline.solved.left(), best.solved.left(), strict=True)]
     for j, (rest, found) in enumerate(zip(rests(baseline, best), structures(best, apart), strict=True)):
@@ -101,9 +102,10 @@ def unexplained(baseline: Fit, best: Fit, apart: Sequence[Measurement] = ()) -> 
 
 
 def dependence(f: Fit, j: int) -> list[tuple[str, float]]:
-    """(variable, share of the rest's variance that it explains on the other log) in order of joining, largest first.
+    """(variable, share of the residual's variance that it adds) in order of joining.
 
-    Parts join one by one as long as each explains 3 % more of the rest of the log that was not used to fit it.
+    Shares are predicted from one fold of the rows for the other. At each step the variable that explains most joins, up to
+    four, as long as it adds 3 %.
     """
     rows = f.solved.rows
     rest = f.solved.residuals()[j]
@@ -129,7 +131,7 @@ def dependence(f: Fit, j: int) -> list[tuple[str, float]]:
 
 
 def _scaled(groups: dict[str, list[np.ndarray]], rows: ResidualRows, j: int) -> dict[str, np.ndarray]:
-    """Name -> columns (R_j, k) of zero mean and unit spread; those that do not vary are left out."""
+    """Name -> columns (R_j, k) of zero mean and unit spread, without constant ones."""
     out = {}
     for name, per_log in groups.items():
         columns = rows.take(j, per_log)
@@ -141,13 +143,13 @@ def _scaled(groups: dict[str, list[np.ndarray]], rows: ResidualRows, j: int) -> 
 
 
 def _folds(rows: ResidualRows, j: int) -> np.ndarray:
-    """(R_j,) 0 or 1: alternate blocks of 40 rows, so that both halves see every kind of motion."""
+    """(R_j,) 0 or 1: alternate blocks of 40 rows, so that both folds see every kind of motion."""
     count = len(rows.r[j])
     return (np.arange(count) // 40) % 2
 
 
 def _held_out(x: np.ndarray, y: np.ndarray, fold: np.ndarray) -> float:
-    """Share of y's variance that a ridge fit on one fold explains on the other, both ways."""
+    """Share of y's variance that a ridge fit on one fold explains on the other, over both directions."""
     left = 0.0
     for a, b in itertools.permutations((0, 1)):
         train, test = fold == a, fold == b

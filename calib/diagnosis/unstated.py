@@ -1,7 +1,7 @@
-"""Friction, rotors and offsets of which nobody stated anything: they are fitted before anything is looked for, and are no effect.
+"""Friction, reflected inertia and offsets that were never stated: fitted before the search and not treated as effects.
 
-How dry friction builds up is fitted about a level; where that is zero there is nothing to build up, and every error at a reversal would
-look like a missing effect.
+The build-up of dry friction is fitted about a level. If that is zero there is nothing to build up, and every error at a
+reversal would look like a missing effect.
 """
 
 from __future__ import annotations
@@ -24,15 +24,15 @@ ROUNDS = 2
 
 
 def unstated_keys(arm: Arm) -> set[tuple[str, str | None]]:
-    """(effect, joint) of the friction, rotors and offsets that nobody stated: to have them is no effect that is missing."""
+    """(effect, joint) of friction, reflected inertia and offsets never stated, which do not count as missing effects."""
     missing = unstated(arm) | {"offset": np.full(arm.n, "offset" in arm.prior.unknown)}
     return {(effect, arm.joint_names[j]) for effect, (_, key) in ORDINARY.items() for j in np.flatnonzero(missing[key])}
 
 
 def with_unstated(arm: Arm, measurements: Sequence[Measurement]) -> Arm:
-    """The arm with the friction and rotors that the measurements show where nobody stated any; offsets begin at zero."""
+    """The arm with friction and reflected inertia from the measurements where none was stated; offsets start at zero."""
     keys, here = unstated_keys(arm), arm
-    for _ in range(ROUNDS if keys else 0):  # the second time with friction to build up
+    for _ in range(ROUNDS if keys else 0):  # in the second round there is friction to build up
         found = fit(measurements, Hypothesis.nominal(here))
         theta = dict(zip(found.models[0].names, found.solved.theta, strict=True))
         filled = here

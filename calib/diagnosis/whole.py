@@ -1,8 +1,8 @@
 """Diagnosis of a recording of any length: names are searched in some minutes of it, and weighed by sums over all of it.
 
-A search takes steps that need its rows at hand, so it looks at pieces that together last SEARCHED_SECONDS, spread over the whole. What it
-named is then estimated from every piece, and every piece is asked for what was not named; the piece that shows most of that is searched
-too, once. The sums (calib.diagnosis.sums) need the memory of one piece and come out the same in whatever order and grouping.
+A search needs its rows at hand, so it uses pieces that together last SEARCHED_SECONDS, spread over the whole. What it named is
+then estimated from every piece, and every piece is checked for what was not named. The piece that shows most of that is
+searched too, once. The sums (calib.diagnosis.sums) need the memory of one piece and do not depend on order or grouping.
 """
 
 from __future__ import annotations
@@ -39,8 +39,8 @@ class Whole:
     """How much of a recording an answer rests on.
 
     searched    seconds of the pieces in which names were searched; weighed: seconds over which they were summed
-    elsewhere   the likeliest candidate that has no name in a piece that was not searched: effect, joint, and what it brings there above its
-                price; None where every piece is explained
+    elsewhere   the likeliest unnamed candidate in a piece that was not searched: effect, joint, and its gain there above its price;
+                None if every piece is explained
     """
 
     searched: float
@@ -56,7 +56,7 @@ def diagnose_pieces(
     progress: Callable[[str], None] = lambda text: None,
     most: float = SEARCHED_SECONDS,
 ) -> tuple[Diagnosis, Whole]:
-    """As `diagnose`, for pieces of any number, `most` seconds of which are searched; `kept` has the sums of pieces that were done before."""
+    """As `diagnose`, for any number of pieces, `most` seconds of which are searched; `kept` stores the sums of pieces."""
     chosen = spread(pieces.seconds, most)
     found = diagnose(arm, [pieces[k] for k in chosen], holdout, progress)
     whole = Whole(sum(pieces.seconds[k] for k in chosen), sum(pieces.seconds))
@@ -87,7 +87,7 @@ def spread(seconds: Sequence[float], most: float = SEARCHED_SECONDS) -> list[int
 
 
 class _Summed:
-    """The sums of all pieces at one point, and what each piece says for itself."""
+    """The sums of all pieces at one point, and the likeliest unnamed candidate of each piece."""
 
     def __init__(
         self, found: Diagnosis, holdout: Sequence[Log], pieces: Pieces, without: int | None, kept: Kept | None
@@ -103,7 +103,7 @@ class _Summed:
         self.solution = self._over(point, others=True)
 
     def odd(self, where: set[int]) -> tuple[int, Key, float] | None:
-        """The piece of `where` that most wants a name that was not given: its index, the name, and what it brings above its price."""
+        """The piece of `where` that most needs a name that was not given: its index, the name, and its gain above the price."""
         k = max(where, key=lambda k: self._best[k][0], default=None)
         if k is None:
             return None
@@ -111,7 +111,7 @@ class _Summed:
         return None if key is None else (k, key, gain)
 
     def refined(self) -> tuple[Point, SummedSolution]:
-        """A step of Gauss and Newton on all pieces, taken where it lowers their sum of squares."""
+        """One Gauss-Newton step on all pieces, taken if it lowers their sum of squares."""
         there = self.point.at(self.solution.delta)
         after = self._over(there, others=False)
         if after.chi2_here < self.solution.chi2_here:
@@ -130,7 +130,7 @@ class _Summed:
         return Solver(total, self._nuisance, self._named, self._known(point)).solution()
 
     def _known(self, point: Point) -> tuple[np.ndarray, np.ndarray]:
-        """What was observed of the named parameters: change from where they stand, standard deviation."""
+        """What was observed of the named parameters: change from their present values, and standard deviation."""
         accepted = point.hypothesis.accepted
         keys = [(accepted[i].effect, accepted[i].joint) for i, _ in parameters_of(accepted)]
         here = [accepted[i].parameters[p.name] for i, p in parameters_of(accepted)]
@@ -151,7 +151,7 @@ class _Summed:
 
 
 def _touched(found: Diagnosis, chosen: Sequence[int]) -> int | None:
-    """The piece in which something touched the arm; it stays out of the sums."""
+    """The piece with a contact, which stays out of the sums."""
     if found.found is None or not any(e.effect == CONTACT for e in found.accepted):
         return None
     event = found.found.best.hypothesis.event_log
@@ -168,9 +168,10 @@ def _point(found: Diagnosis, holdout: Sequence[Log]) -> Point:
 
 
 def _restated(arm: Arm, found: Diagnosis, summed: _Summed, last: Log, holdout: Sequence[Log]) -> Diagnosis:
-    """The answer with the parameters that all pieces give, the corrected arm that goes with them, and its gap.
+    """The answer with parameters from all pieces, the corrected arm that goes with them, and its gap.
 
-    An arm with friction laws stays as it was tested, for these were fitted beside its parameters; so does one that predicts a joint better.
+    An arm with friction laws stays as it was tested, because these were fitted beside its parameters. So does an arm that
+    predicts a joint better than the new one.
     """
     assert found.found is not None
     if not summed.point.hypothesis.accepted or found.correction is None or found.answer["laws"]:

@@ -1,4 +1,4 @@
-"""A fit as an arm that an arm folder can hold, in several ways, and the torque error of each on recordings."""
+"""A fit as an arm that an arm folder can hold, in several variants, and the torque error of each on recordings."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ from calib.measurement.reversals import reversal_rows, reverses_often
 from sim.arm import Arm, ArmEffect
 from sim.prediction import predict
 
-WORSE_ELSEWHERE = 0.05  # at a joint that no effect concerns, where a refit moves ordinary parameters
-LEAST_SLIDING = 3.0  # s of a joint, for a friction law of its own
+WORSE_ELSEWHERE = 0.05  # relative rise at a joint that no effect concerns, where a refit moves ordinary parameters
+LEAST_SLIDING = 3.0  # s that a joint must slide for a friction law of its own
 AS_IT_WAS, REFIT, REFIT_WITH_LAWS = "the arm as it was", "a parameter refit alone", "a parameter refit and friction laws"
 
 
 @dataclass(frozen=True)
 class WrittenArm:
-    """A changed arm, its laws, and its torque errors (R, n) N m on the recordings shown; sliding (R, n): the rows in which a joint slides."""
+    """A changed arm, its laws, and its torque errors (R, n) N m on `shown`; sliding (R, n): rows in which a joint slides."""
 
     change: ArmChange
     laws: tuple[Law, ...]
@@ -40,24 +40,24 @@ class WrittenArm:
 
     @cached_property
     def rms(self) -> np.ndarray:
-        """(n,) N m of all rows."""
+        """(n,) N m over all rows."""
         return np.asarray(np.sqrt(np.mean(self.errors**2, axis=0)))
 
     @cached_property
     def sliding_rms(self) -> np.ndarray:
-        """(n,) N m of the rows in which a joint slides, of all where it never does."""
+        """(n,) N m over rows in which a joint slides, over all if it never does."""
         return np.asarray(np.sqrt(np.mean(self.errors**2, axis=0, where=self.sliding | ~self.sliding.any(axis=0))))
 
     @property
     def words(self) -> str:
-        """What this arm is, one without effects."""
+        """What this arm is, for one without effects."""
         return REFIT_WITH_LAWS if self.laws else REFIT if self.change.effects or self.change.inertials else AS_IT_WAS
 
     def worse(self, other: WrittenArm, factor: np.ndarray, together: Sequence[list[int]] | None = None) -> np.ndarray:
-        """(n,) whether the squared error of a sliding joint is significantly above that of `other` times factor (n,).
+        """(n,) whether a joint's error while sliding is significantly above that of `other` times factor (n,).
 
         At a change of direction an arm folder, which holds no lead of dry friction, is off by as much whatever else is right.
-        together: groups of joints that are asked as one, each by its share of the other's squared error; None asks each by itself.
+        together: groups of joints tested as one, each by its share of the other's squared error; None: each by itself.
         """
         share, n = np.where(self.sliding, excess(self.errors, other.errors, factor), 0.0), self.errors.shape[1]
         out = np.zeros(n, dtype=bool)
@@ -66,9 +66,9 @@ class WrittenArm:
         return out
 
     def risen(self, other: WrittenArm, most: float, together: Sequence[list[int]]) -> np.ndarray:
-        """(n,) joints whose RMS error is above that of `other` by more than the share `most`.
+        """(n,) joints whose RMS error exceeds that of `other` by more than the share `most`.
 
-        Groups of joints that an effect concerns are asked as one, by the mean of their squares, each over the other's; the rest one by one.
+        Groups of joints that an effect concerns are tested as one, by the mean of their squared ratios; others singly.
         """
         squares, out = np.square(self.rms / np.maximum(other.rms, 1e-12)), np.zeros(len(self.rms), dtype=bool)
         alone = [[j] for j in range(len(out)) if not any(j in joints for joints in together)]
@@ -80,11 +80,11 @@ class WrittenArm:
 def ways_of(
     f: Fit, kept: WrittenArm | None, shown: Sequence[Measurement], limits: Sequence[ArmEffect], pieces: int
 ) -> tuple[list[WrittenArm], Refitted]:
-    """A fit as an arm in several ways, the one that predicts the recordings `shown` best first; and the refit with laws.
+    """A fit as an arm in several variants, the one that predicts `shown` best first, and the refit with laws.
 
-    Tried are the names alone, beside them friction and rotors of the joints that they concern, everything refitted under the measured
-    noise and without whitening, and that with laws where they help. kept: the arm as it was, where recordings were held out; joints at which
-    a refit predicts these worse stay as they were in two other ways.
+    The variants: the names alone; the names with friction and reflected inertia of their joints; everything refitted under the
+    measured noise; everything refitted without whitening; and that with laws where they help. kept: the arm as it was, if
+    recordings were held out. Two more variants then keep joints as they were at which a refit predicts these worse.
     """
     start = f.hypothesis.start
     split = Split.of(f, pieces)
@@ -116,9 +116,10 @@ def ways_of(
 
 
 def links_kept(f: Fit, way: WrittenArm, shown: Sequence[Measurement], limits: Sequence[ArmEffect], pieces: int) -> WrittenArm:
-    """The laws of `way` with friction and rotors of their joints alone, every link as it was, where each joint of a law is predicted nearly as well.
+    """The laws of `way` with only friction and reflected inertia of their joints refitted, every link as it was.
 
-    The recordings that were fitted cannot say whether a refit of everything else predicts others better.
+    `way` itself if it predicts a joint with a law clearly better (WORSE_ELSEWHERE). The fitted recordings cannot show whether a
+    refit of everything else predicts others better.
     """
     joints = [f.hypothesis.start.joint_index(str(law.effect.joint)) for law in way.laws]
     refit = with_laws(f, Split.of(f, pieces), joints, limits, joints)
@@ -129,7 +130,7 @@ def links_kept(f: Fit, way: WrittenArm, shown: Sequence[Measurement], limits: Se
 def _where_better(
     f: Fit, split: Split, way: WrittenArm, kept: WrittenArm, shown: Sequence[Measurement], limits: Sequence[ArmEffect]
 ) -> list[WrittenArm]:
-    """The refit with the joints held at which it predicts worse than the arm as it was; nothing where there are none, or most."""
+    """The refit with those joints held at which it predicts worse than the arm as it was; empty if there are none, or most."""
     held, joints = set[int](), range(len(kept.rms))
     while spoilt := {j for j in joints if way.rms[j] > (1 + WORSE_ELSEWHERE) * kept.rms[j]} - held:
         held |= spoilt
@@ -140,7 +141,7 @@ def _where_better(
 
 
 def own_kept(way: WrittenArm, kept: WrittenArm, start: Arm, shown: Sequence[Measurement]) -> list[WrittenArm]:
-    """The same arm, where it predicts joints worse than the arm as it was, with their friction, rotor and offset as they were; else nothing."""
+    """The same arm with friction, reflected inertia and offset as they were at joints that it predicts worse; empty if none."""
     spoilt = {start.joint_names[j] for j in np.flatnonzero(way.rms > (1 + WORSE) * kept.rms)}
     effects = tuple(e for e in way.change.effects if e.effect not in ORDINARY or e.joint not in spoilt)
     return [WrittenArm.of(replace(way.change, effects=effects), (), start, shown)] if spoilt else []
@@ -154,7 +155,7 @@ def as_written(measurements: Sequence[Measurement], named: Fit) -> Fit:
 
 
 def torque_rms(arm: Arm, measurements: Sequence[Measurement], rows: np.ndarray | None = None) -> np.ndarray:
-    """(n,) N m RMS of `torque_errors`, or of those `rows` (R, n) of them: 0 of a joint without any."""
+    """(n,) N m RMS of `torque_errors`, over all rows or over `rows` (R, n); 0 for a joint without any."""
     squares = torque_errors(arm, measurements) ** 2
     if rows is None:
         return np.asarray(np.sqrt(np.mean(squares, axis=0)))
@@ -162,9 +163,9 @@ def torque_rms(arm: Arm, measurements: Sequence[Measurement], rows: np.ndarray |
 
 
 def torque_errors(arm: Arm, measurements: Sequence[Measurement], lead: float = 0.0) -> np.ndarray:
-    """(R, n) N m torque error of an arm between the first and the last motion, filtered as the fit's rows are.
+    """(R, n) N m torque error of an arm between the first and the last motion, filtered like the rows of the fit.
 
-    lead: s by which every reading of torque is early, because a drive holds its torque between control instants.
+    lead: s by which every torque reading is early, because a drive holds its torque between control instants.
     """
     out = []
     for m in measurements:
@@ -176,13 +177,13 @@ def torque_errors(arm: Arm, measurements: Sequence[Measurement], lead: float = 0
 
 
 def sliding_rows(arm: Arm, measurements: Sequence[Measurement]) -> np.ndarray:
-    """(R, n) of the rows of `torque_errors`, those in which a joint slides; all in motion of one that does little else than turn back."""
+    """(R, n) the rows of `torque_errors` in which a joint slides; all usable rows of a joint that reverses often."""
     often = reverses_often(measurements, arm)
     return np.concatenate([(m.row_usable & (~reversal_rows(m, arm) | often))[m.row_moving] for m in measurements])
 
 
 def _as_read(arm: Arm, measurements: Sequence[Measurement]) -> np.ndarray:
-    """(n,) N m RMS torque error of the samples themselves while the arm moves: what a law does in some milliseconds, a filter hides."""
+    """(n,) N m RMS torque error of samples while the arm moves, unfiltered: filters hide what a law does in milliseconds."""
     squares, count = np.zeros(arm.n), 0
     for m in measurements:
         error = (m.tau - predict(arm, m.trajectory, m.warming))[m.samples_moving]
