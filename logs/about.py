@@ -1,4 +1,4 @@
-"""What travels with a recording so that a stranger can use it: the arm as URDF, and its folder, the cell and the plan as attachments."""
+"""What a recording carries so that it can be used elsewhere: the arm as URDF; arm folder, cell and plan as attachments."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from sim.cell import Cell
 
 ARM_FOLDER, CELL_FILE, PLAN_FILE = "arm", "cell.toml", "plan.toml"
-MOST = 16 << 20  # bytes of an arm's folder; a larger one travels without its meshes
+MOST = 16 << 20  # bytes of an arm's meshes; above this they are left out
 _PART = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_ .+-]{0,99}", re.ASCII)
 _DEEP = 6
 
@@ -41,19 +41,19 @@ class About:
 
     @property
     def frame(self) -> str:
-        """The arm's base link, which is the first of `sim.urdf`; "" without a URDF. It is the `frame_id` of the messages."""
+        """The arm's base link, which `sim.urdf` writes first; "" without a URDF. It is the `frame_id` of the messages."""
         found = re.search(r'<link name="([^"<>&]+)"', self.urdf)
         return found[1] if found else ""
 
     def attached(self, now: int) -> list[Attachment]:
-        """The files as MCAP attachments of the instant `now` (ns since 1970)."""
+        """The files as MCAP attachments with the time `now` (ns since 1970)."""
         return [
             Attachment(create_time=now, log_time=now, name=name, media_type=_media(name), data=data)
             for name, data in self.files.items()
         ]
 
     def shared(self) -> int:
-        """A descriptor for another process to read this from; the caller closes it."""
+        """Return a descriptor from which another process can read this; the caller closes it."""
         text = json.dumps([self.urdf, {name: base64.b64encode(data).decode() for name, data in self.files.items()}])
         fd = os.memfd_create("arm-calib-about", os.MFD_CLOEXEC)
         with os.fdopen(os.dup(fd), "wb") as stream:
@@ -62,7 +62,7 @@ class About:
 
     @staticmethod
     def received(fd: int) -> About:
-        """What `shared` was given; closes the descriptor."""
+        """Return the About behind a descriptor from `shared`, and close the descriptor."""
         with os.fdopen(fd, "rb") as stream:
             stream.seek(0)
             urdf, files = json.loads(stream.read())
@@ -70,7 +70,7 @@ class About:
 
 
 def about_recording(arm: Arm, cell: Cell | None = None, plan: Path | None = None) -> About:
-    """What a recording of this arm takes along; a file that is not as it was read is left out."""
+    """Return what a recording of this arm carries; arm and cell files that changed since they were read are left out."""
     from sim.urdf import viewer_text
 
     files = _arm_files(arm)
@@ -85,9 +85,9 @@ def about_recording(arm: Arm, cell: Cell | None = None, plan: Path | None = None
 
 
 def attachments(path: Path) -> tuple[dict[str, bytes], dict[str, str]]:
-    """The attachments of an MCAP file and what its record `recording` says; both empty for another kind of file.
+    """Return the attachments of an MCAP file and its metadata record `recording`; both empty for other kinds of file.
 
-    Of a folder, those of its one MCAP file: a bag in several parts is none of ours.
+    For a folder, those of its only MCAP file: a bag in several parts is not one of our recordings.
     """
     if path.is_dir():
         parts = list(path.glob("*.mcap"))
@@ -129,7 +129,7 @@ def _content(file: Path, most: int) -> bytes | None:
 
 
 def is_inside(name: str) -> bool:
-    """Whether an attachment's name is a plain path below the arm's folder; anything else is never made a file of."""
+    """Whether an attachment's name is a plain path below the arm's folder; nothing else is ever written as a file."""
     parts = name.split("/")
     return parts[0] == ARM_FOLDER and 2 <= len(parts) <= _DEEP and all(_PART.fullmatch(part) for part in parts[1:])
 

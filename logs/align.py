@@ -1,4 +1,4 @@
-"""Messages of several topics on the instants of the samples, and what order and sequence numbers say of a recording."""
+"""Align messages of several topics to the sample times; check their order and their sequence numbers."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from logs.damage import Damage
 from logs.joint_topic import JointTopic
 from logs.timing import unwrapped
 
-INTERPOLATED = "readings on {} have instants of their own; they were interpolated on the device clock"
+INTERPOLATED = "readings on {} have their own stamps; they were interpolated on the device clock"
 
 
 def time_order(stamp: np.ndarray, log: np.ndarray) -> np.ndarray | None:
-    """The order of the log times, as other readers give messages out; None where the file's is to be kept.
+    """Return the order of the log times, in which other readers return messages; None where the file's order is kept.
 
-    A file whose own order is that of the device's stamps keeps it: log times may be those of a clock that was set.
+    It is kept where the log times, or the device stamps, never decrease: log times may come from a clock that was set.
     """
     if not np.any(np.diff(stamp) < 0) or not np.any(np.diff(log) < 0):
         return None
@@ -22,7 +22,7 @@ def time_order(stamp: np.ndarray, log: np.ndarray) -> np.ndarray | None:
 
 
 def report_losses(stamp: np.ndarray, sequence: np.ndarray, states: JointTopic, damage: Damage) -> None:
-    """Say how many messages are missing, where the sequence numbers count messages (many writers leave them zero)."""
+    """Report missing messages, where the sequence numbers count messages (many writers leave them zero)."""
     steps = np.diff(sequence)
     if states.others or not len(steps) or np.any(steps < 1):
         return
@@ -41,10 +41,10 @@ def held(
     damage: Damage,
     between: tuple[int, ...] = (),
 ) -> list[np.ndarray]:
-    """The last message at or before each sample: fields x (N, n); NaN before the first, and where there is no topic.
+    """Return the last message at or before each sample, one (N, n) array per field; NaN before the first, and without a topic.
 
-    Fields in `between` are readings at instants of their own and are taken from the line through the readings before and after:
-    the last one alone would be old by half its period on average, which looks like a delay.
+    Fields in `between` are readings with their own stamps. They are interpolated linearly, NaN after the last reading. Holding
+    the last reading would make it old by half its period on average, which looks like a delay.
     """
     if topic is None:
         return [np.broadcast_to(np.float64(np.nan), (len(stamp), n))] * fields
@@ -62,7 +62,10 @@ def held(
 
 
 def reading_times(own: np.ndarray, first: int, name: str, damage: Damage) -> tuple[np.ndarray, np.ndarray | None]:
-    """Instants of readings stamped `own` ns, s after the stamp `first`, increasing; and which reading each is, None where in their order."""
+    """Return the times of readings, s after the stamp `first`, in increasing order, from their stamps `own` (ns).
+
+    The second value gives the reading at each of these times; None where the readings already are in order.
+    """
     at = unwrapped((own - first) * 1e-9, damage)
     if not np.any(np.diff(at) < 0):
         return at, None
@@ -72,12 +75,12 @@ def reading_times(own: np.ndarray, first: int, name: str, damage: Damage) -> tup
 
 
 def beside(at: np.ndarray, t: np.ndarray) -> bool:
-    """Whether the readings at instants `at` have instants of their own, beside those of the samples `t`."""
+    """Whether readings at the times `at` have their own stamps, other than those of the samples `t`."""
     return bool(np.any(at[np.maximum(np.searchsorted(at, t, side="right") - 1, 0)] != t))
 
 
 def at_samples(at: np.ndarray, part: np.ndarray, order: np.ndarray | None, t: np.ndarray, between: bool) -> np.ndarray:
-    """(N, n) the readings `part` on the samples t, as `held` describes it; at and order as `reading_times` gives them."""
+    """Readings `part` at the sample times t, (N, n), as `held` describes; `at` and `order` come from `reading_times`."""
     if not part.strides[0]:
         return np.broadcast_to(np.float64(np.nan), (len(t), part.shape[1]))
     place = np.searchsorted(at, t, side="right") - 1
@@ -92,7 +95,7 @@ def at_samples(at: np.ndarray, part: np.ndarray, order: np.ndarray | None, t: np
 
 
 def _share(at: np.ndarray, place: np.ndarray, t: np.ndarray) -> np.ndarray:
-    """(N,) how far t lies between its reading and the next, 0 to 1; NaN after the last."""
+    """(N,) position of t between its reading and the next, 0 to 1; NaN after the last."""
     after = np.minimum(place + 1, len(at) - 1)
     step = at[after] - at[np.maximum(place, 0)]
     past = t - at[np.maximum(place, 0)]

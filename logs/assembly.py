@@ -1,4 +1,4 @@
-"""The messages of a recording as samples: which topic counts, in which order, at which instants, and what of it is no reading of an arm."""
+"""Turn the messages of a recording into samples: topic, order and times, without readings that no arm gives."""
 
 from __future__ import annotations
 
@@ -16,7 +16,11 @@ WHICH = "name the arm with --arm, or record one arm alone"
 
 
 def chosen(topics: dict[str, JointTopic], name: str, damage: Damage) -> JointTopic | None:
-    """The topic `name`, or the only one that ends in it under a namespace; one without the joints that are read only where no other is."""
+    """Return the topic `name`, or the only one that ends in it under a namespace; None where there is none.
+
+    Topics without the wanted joints are considered only where no topic has them. BadLog where several topics qualify and none
+    is called `name`.
+    """
     under = sorted((topic for topic in topics.values() if topic.topic.endswith(name)), key=lambda topic: topic.topic)
     read = [topic for topic in under if topic.taken] or under[:1]
     if len(read) > 1 and name not in [topic.topic for topic in read]:
@@ -28,7 +32,10 @@ def chosen(topics: dict[str, JointTopic], name: str, damage: Damage) -> JointTop
 def states_of(
     topics: dict[str, JointTopic], joint_names: tuple[str, ...] | None, damage: Damage
 ) -> tuple[JointTopic, tuple[str, ...]]:
-    """The topic of the samples and the joints that it is read for; BadLog where there is no sample."""
+    """Return the topic of the samples and the joints to read from it.
+
+    BadLog where there is no sample, or where the messages cover several sets of joints and none was chosen.
+    """
     states = chosen(topics, STATES, damage)
     if states is None or not states.taken or not states.wanted:
         wanted = f" with the joints {', '.join(joint_names)}" if joint_names else ""
@@ -52,29 +59,33 @@ def states_of(
 
 
 def unstamped(stamp: np.ndarray, states: JointTopic, damage: Damage) -> bool:
-    """Whether the writer of the samples left every stamp zero, which in ROS means none; their log times are the instants then, and it is said."""
+    """Whether the writer left every stamp of the samples zero, which in ROS means unset.
+
+    The log times are then used instead, and a finding states this.
+    """
     none = len(stamp) > 1 and not stamp.any()
     if none:
-        damage.note(
-            f"no message on {states.topic} has a stamp (all are 0): the log times were taken, which are those of the recorder"
-        )
+        damage.note(f"no message on {states.topic} has a stamp (all are 0): the recorder's log times are used")
     return none
 
 
 def in_order(
     stamp: np.ndarray, host: np.ndarray, sequence: np.ndarray, states: JointTopic, damage: Damage
 ) -> np.ndarray | None:
-    """The order in which the messages are samples, None for that in which they stand; what their sequence numbers say is lost."""
+    """Return the order of the messages as samples, None for the order in the file; report losses that sequence numbers show."""
     order = time_order(stamp, host)
     if order is not None:
         stamp, sequence = stamp[order], sequence[order]
-        damage.note(f"messages on {states.topic} do not stand in the order of their log times; they were read in that order")
+        damage.note(f"messages on {states.topic} are not in the order of their log times; they were read in that order")
     report_losses(stamp, sequence, states, damage)
     return order
 
 
 def left_out(t: np.ndarray, names: tuple[str, ...], measured: dict[str, np.ndarray], damage: Damage) -> np.ndarray | None:
-    """(N,) bool, samples that hold a value that is no reading of an arm, where a partial file is accepted; None where each is sound."""
+    """(N,) bool: samples with a value that no arm gives; None where every sample is sound.
+
+    BadLog where no sample is sound, or where one is bad and a partial file is not accepted.
+    """
     fault = first_fault(t, measured)
     if fault is None:
         return None
@@ -90,7 +101,7 @@ def left_out(t: np.ndarray, names: tuple[str, ...], measured: dict[str, np.ndarr
 
 
 def words_of(metadata: dict[str, dict[str, str]]) -> dict[str, str]:
-    """What a recording says of itself: the record `recording` as it stands, the keys of every other under its name."""
+    """Metadata in one dictionary: keys of the record `recording` as they are, those of other records as `record.key`."""
     words = {key: value for name, record in metadata.items() if name == RECORDING for key, value in record.items()}
     return words | {
         f"{name}.{key}": value for name, record in metadata.items() if name != RECORDING for key, value in record.items()
@@ -101,7 +112,7 @@ def assembled(
     topics: dict[str, JointTopic], events: list[tuple[int, int, str, str]], metadata: dict[str, dict[str, str]], state: State,
     joint_names: tuple[str, ...] | None, damage: Damage,
 ) -> Log:  # fmt: skip
-    """One log of what was taken from the topics; BadLog where their messages are no recording of an arm."""
+    """Return one log from the messages of the topics; BadLog where they are not a recording of an arm."""
     states, names = states_of(topics, joint_names, damage)
     stamp, host = np.concatenate(states.stamp), np.concatenate(states.host)
     one_clock = unstamped(stamp, states, damage)
@@ -140,7 +151,7 @@ def assembled(
 
 
 def _named(topics: dict[str, JointTopic], name: str, joints: tuple[str, ...], damage: Damage) -> JointTopic | None:
-    """The topic, its columns in the order of `joints`."""
+    """Return the topic with its columns in the order of `joints`; None where it is not there, or does not name them all."""
     topic = chosen(topics, name, damage)
     if topic is None or not topic.taken or not topic.wanted:
         return None

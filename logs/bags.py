@@ -1,4 +1,4 @@
-"""ROS 2 bags in SQLite (.db3) and ROS 1 bags (.bag), opened by the library rosbags; joint messages are decoded as those of MCAP files are."""
+"""ROS 2 bags in SQLite (.db3) and ROS 1 bags (.bag), opened with rosbags; joint messages are decoded like those of MCAP files."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ MAX_MESSAGE = 1 << 20  # bytes of a joint message
 
 
 def is_sqlite_bag(path: Path) -> bool:
-    """A folder with .db3 files, plain or packed."""
+    """Whether `path` is a folder with .db3 files, plain or compressed, and no MCAP file."""
     return path.is_dir() and any(path.glob("*.db3*")) and not any(path.glob("*.mcap"))
 
 
 def read_bag(path: Path, joint_names: tuple[str, ...] | None, damage: Damage) -> Log:
-    """The joint messages of a bag as a log; BadLog states what is wrong with it."""
+    """Return the joint messages of a bag as a log; BadLog states what is wrong with it."""
     topics: dict[str, JointTopic] = {}
     channels: dict[int, Channel] = {}
     try:
@@ -37,8 +37,8 @@ def read_bag(path: Path, joint_names: tuple[str, ...] | None, damage: Damage) ->
             take(batch, channels, topics, [], joint_names, damage)
     except BadLog:
         raise
-    except Exception as error:  # rosbags parses what a file says of itself; on damage it fails in many ways
-        fault = f"rosbags cannot read on: {type(error).__name__}: {str(error)[:160]}"
+    except Exception as error:  # rosbags trusts what the file declares, and fails on damage in many ways
+        fault = f"rosbags cannot read further: {type(error).__name__}: {str(error)[:160]}"
         if not topics or not damage.accept_partial:
             raise damage.refuse(
                 "bag", fault, "check it with `ros2 bag info`, or read what survives with `calib import`"
@@ -74,9 +74,9 @@ def _batch(messages: list[tuple[int, int, bytes]]) -> Batch:
 
 
 def _messages(path: Path, channels: dict[int, Channel]) -> Iterator[tuple[int, int, bytes]]:
-    """Number of the channel, time of reception in ns, and CDR of every joint message.
+    """Yield the channel number, the reception time (ns) and the CDR of every joint message.
 
-    The definitions that a bag carries are not used: the layout of a joint message is known, and code is never made from a file.
+    The definitions in the bag are not used: the layout of a joint message is known, and no code is generated from a file.
     """
     from rosbags import rosbag1, rosbag2
     from rosbags.typesys import Stores, get_typestore

@@ -1,4 +1,4 @@
-"""Which start of which computer this is: a lock or a piece of shared memory means something only there."""
+"""Which boot of which computer this is: a lock or shared memory is meaningful only within it."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from pathlib import Path
 
 
 def boot() -> str:
-    """A random number that the kernel draws at each start; "" where there is none."""
+    """Return the random number that the kernel draws at each boot; "" where there is none."""
     try:
         return Path("/proc/sys/kernel/random/boot_id").read_text(encoding="ascii").strip()
     except OSError:

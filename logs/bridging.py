@@ -1,4 +1,4 @@
-"""Values between samples: the cubic through position and speed on both sides, the line for torque; with the error measured, not assumed."""
+"""Interpolation between samples: positions by the cubic through position and speed, other channels linearly; error measured."""
 
 from __future__ import annotations
 
@@ -12,7 +12,10 @@ TRIALS = 400
 
 @dataclass(frozen=True)
 class Bridged:
-    """M samples: t (M,), the sample that each is or -1 (M,), and by channel the values, whether they were bridged, and their std."""
+    """M samples at the times t (M,); `row` (M,) is the sample that each is, -1 for an added one.
+
+    By channel: values and their std, (M, n), and whether they were bridged, (M,).
+    """
 
     t: np.ndarray
     row: np.ndarray
@@ -24,9 +27,9 @@ class Bridged:
 def between(
     t: np.ndarray, channels: Mapping[str, np.ndarray], before: np.ndarray, after: np.ndarray, at: np.ndarray, derived: bool
 ) -> dict[str, np.ndarray]:
-    """Channel -> (G, n) at the instants `at` (G,) between the samples `before` and `after` (G,).
+    """Channel -> (G, n) at the times `at` (G,) between the samples with indices `before` and `after` (G,).
 
-    q by Hermite's cubic where dq is its derivative (`derived`), else like every other channel by the line.
+    All channels are interpolated linearly, except q by Hermite's cubic where dq is its derivative (`derived`).
     """
     width = (t[after] - t[before])[:, None]
     s = (at - t[before])[:, None] / width
@@ -42,7 +45,10 @@ def between(
 def bridging_error(
     t: np.ndarray, channels: Mapping[str, np.ndarray], old: np.ndarray, most: int, derived: bool
 ) -> dict[str, np.ndarray]:
-    """Channel -> (most + 1, n): root mean square error of bridging g samples, found by bridging samples that are there."""
+    """Channel -> (most + 1, n): RMS error of bridging g samples, measured by bridging samples that were recorded.
+
+    `old` (N,) bool marks samples to leave out. NaN where no stretch of g samples can be tried.
+    """
     fresh = np.flatnonzero(~old)
     period = np.median(np.diff(t[fresh]))
     out = {name: np.zeros((most + 1, x.shape[1])) for name, x in channels.items()}
@@ -70,8 +76,10 @@ def bridge(
     t: np.ndarray, channels: Mapping[str, np.ndarray], old: Mapping[str, np.ndarray], missing: np.ndarray, most: int,
     errors: Mapping[str, np.ndarray], derived: bool,
 ) -> Bridged:  # fmt: skip
-    """The samples with `missing` (N - 1,) more between neighbours where these are at most `most`, evenly spaced; and with what is `old`
-    replaced."""
+    """Return the samples with gaps of at most `most` samples filled and with `old` values replaced.
+
+    missing: (N - 1,) number of samples lost between neighbours; they are added at even spacing.
+    """
     gaps = np.flatnonzero((missing > 0) & (missing <= most))
     count = missing[gaps]
     inside = np.concatenate([np.arange(1, g + 1) for g in count]) if len(gaps) else np.zeros(0)

@@ -1,8 +1,8 @@
 """ROS 2 messages as bytes (CDR, OMG DDSI-RTPS 2.3 section 10): a strict parser, and layouts for reading many at once.
 
-A message of joint values has a fixed layout as long as its names and array lengths stay the same. `joint_layout` parses one
-message field by field and remembers where everything stands; `Layout.matches` finds which other messages agree with it in every
-byte that is not a value; those are then read as NumPy records.
+The layout of a joint message is fixed as long as its names and array lengths stay the same. `joint_layout` parses one message
+field by field and records where each field is. `Layout.matches` finds the other messages that agree with it in every byte that
+is not a value. Those are then read as NumPy records.
 """
 
 from __future__ import annotations
@@ -17,18 +17,18 @@ MAX_TRAILING = 7  # some writers pad a message to a multiple of 4 or 8
 
 
 class CdrError(ValueError):
-    """A message that is not what its schema says; the text states what is wrong in it."""
+    """A message that does not match its schema; the text states what is wrong."""
 
 
 class CdrReader:
-    """Reads the fields of one message in order, with every length checked before it is used."""
+    """Reads the fields of one message in order; every length is checked before it is used."""
 
     def __init__(self, data: bytes) -> None:
         if len(data) < 4:
             raise CdrError(f"{len(data)} bytes, a message has at least 4")
         kind = data[:2]
         if kind not in (b"\x00\x00", b"\x00\x01"):
-            raise CdrError(f"encapsulation {kind.hex()}; plain CDR (0000 or 0001) is read here")
+            raise CdrError(f"encapsulation {kind.hex()}; only plain CDR (0000 or 0001) is read")
         self.data, self.at = data, 4
         self.order = "<" if kind == b"\x00\x01" else ">"
 
@@ -42,7 +42,7 @@ class CdrReader:
         return value
 
     def string(self) -> str:
-        """Length with the final zero, characters, zero."""
+        """Read a string: length including the final zero, characters, zero."""
         size = self.number("I")
         self.need(size, "a string")
         raw = self.data[self.at : self.at + size]
@@ -59,14 +59,14 @@ class CdrReader:
             raise CdrError(f"{what} of {size} bytes at byte {self.at} reaches beyond the message's {len(self.data)}")
 
     def end(self) -> None:
-        """No more than padding may follow."""
+        """Check that at most padding follows."""
         if len(self.data) - self.at > MAX_TRAILING:
             raise CdrError(f"{len(self.data) - self.at} bytes follow the last field")
 
 
 @dataclass(frozen=True)
 class Layout:
-    """Where the fields of a joint message stand: same names and array lengths, same bytes apart from stamp and values.
+    """Positions of the fields of a joint message, for messages with the same names, array lengths and constant bytes.
 
     arrays: for each field of the schema its byte offset and its length (0 where the device does not report it).
     """
@@ -78,16 +78,16 @@ class Layout:
     fixed: tuple[tuple[int, bytes], ...]
 
     def matches(self, rows: np.ndarray) -> np.ndarray:
-        """(M,) bool for rows (M, size) uint8: every byte that is neither stamp, value nor padding is this layout's."""
+        """(M,) bool for rows (M, size) uint8: every byte apart from stamp, values and padding equals this layout's."""
         same = np.ones(len(rows), dtype=bool)
         for at, content in self.fixed:
             equal = rows[:, at : at + len(content)] == np.frombuffer(content, dtype=np.uint8)
-            if not equal.all():  # row by row is slow, and nearly never needed
+            if not equal.all():  # comparing row by row is slow and rarely needed
                 same &= equal.all(axis=1)
         return same
 
     def stamps(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Stamp in ns (M,) int64, and whether its nanoseconds are under one second (M,) bool."""
+        """Stamps in ns (M,) int64, and whether their nanoseconds are below one second (M,) bool."""
         seconds = self._column(rows, 4, 1, "i4")[:, 0].astype(np.int64)
         nanoseconds = self._column(rows, 8, 1, "u4")[:, 0].astype(np.int64)
         return seconds * 1_000_000_000 + nanoseconds, nanoseconds < 1_000_000_000
@@ -104,7 +104,7 @@ class Layout:
 
 
 def joint_layout(data: bytes, fields: int) -> Layout:
-    """The layout of a message `Header header, string[] name, float64[] x fields`; CdrError states what is wrong."""
+    """Return the layout of a message `Header header, string[] name, float64[] x fields`; CdrError states what is wrong."""
     reader = CdrReader(data)
     reader.number("i")
     reader.number("I")
@@ -141,7 +141,7 @@ def joint_layout(data: bytes, fields: int) -> Layout:
 
 
 def _merged(parts: list[tuple[int, bytes]]) -> tuple[tuple[int, bytes], ...]:
-    """Adjoining stretches of fixed bytes joined: fewer comparisons."""
+    """The fixed bytes with adjoining stretches joined, for fewer comparisons."""
     out: list[tuple[int, bytes]] = []
     for at, content in parts:
         if out and out[-1][0] + len(out[-1][1]) == at:

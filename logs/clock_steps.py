@@ -1,7 +1,7 @@
-"""Steps of a clock that was set during a recording: the stamps leave a gap, and the position goes on as over one period.
+"""Clocks that were set during a recording: the stamps show a gap, but the position moves as over one period.
 
-Where samples were lost, the position moves on by dq times the gap. With the gap taken as one period, every joint must move by dq times the
-period as it does beside the gap, and the motion must be fast enough to tell one period from none.
+Where samples were lost, the position moves by dq times the gap. Where the clock was set, every joint moves by dq times one
+period, as accurately as it does beside the gap. The motion must be fast enough to distinguish one period from none.
 """
 
 from __future__ import annotations
@@ -10,17 +10,17 @@ import numpy as np
 
 from logs.elapsed import elapsed_between
 
-WINDOW = 500  # samples on either side of a gap, of which is taken how the positions agree with the speeds
-MOST_GAPS = 100  # the longest ones are looked at
-# One period to within half of it, by a motion that resolves a fifth; five times what one sample in a hundred leaves beside the gap. Not
-# tuned: at gaps of real losses the position is off by whole periods, at a set clock by the readings' noise.
+WINDOW = 500  # samples on either side of a gap, which show how well positions agree with speeds
+MOST_GAPS = 100  # the longest ones are examined
+# In periods: the elapsed time is within OFF of one, its standard deviation below RESOLVED. Position errors are at most TIMES the quantile
+# BESIDE of those beside the gap. Not tuned: at a real loss the position is off by whole periods, at a set clock by the readings' noise.
 OFF, RESOLVED, BESIDE, TIMES = 0.5, 0.2, 0.99, 5.0
 
 
 def set_forward(t: np.ndarray, q: np.ndarray, dq: np.ndarray, gaps: np.ndarray) -> np.ndarray:
-    """(len(gaps),) s by which the clock was set forward between samples k and k + 1 of `gaps`; 0 where that is not certain.
+    """(len(gaps),) s by which the clock was set forward between samples k and k + 1, k in `gaps`; 0 where this is not certain.
 
-    t (N,) s increases, but for samples that share an instant; q (N, n) rad, dq (N, n) rad/s, NaN where they were not read.
+    t (N,) s increases, except for samples that share an instant; q (N, n) rad, dq (N, n) rad/s, NaN where they were not read.
     """
     out = np.zeros(len(gaps))
     if not len(gaps):
@@ -37,7 +37,7 @@ def set_forward(t: np.ndarray, q: np.ndarray, dq: np.ndarray, gaps: np.ndarray) 
 
 
 def _one_period(steps: np.ndarray, q: np.ndarray, dq: np.ndarray, k: int, period: float) -> bool:
-    """Whether one period passed at step k of `steps` (K,), by q and dq (K + 1, n) about it."""
+    """Whether one period passed at step k of `steps` (K,), judged by q and dq (K + 1, n) around it."""
     steps = steps.copy()
     steps[k] = period
     if not np.isfinite(q).all():
@@ -52,7 +52,7 @@ def _one_period(steps: np.ndarray, q: np.ndarray, dq: np.ndarray, k: int, period
 
 
 def finding(at: float, by: float) -> str:
-    """What a step of the clock says of a recording."""
+    """Sentence about a clock that was set forward `by` s at `at` s."""
     return (
-        f"the clock was set forward by {by:.3g} s at {at:.3f} s: by q and dq one period passed there, and no sample is missing"
+        f"the clock was set forward by {by:.3g} s at {at:.3f} s: q and dq show only one period there, and no sample is missing"
     )

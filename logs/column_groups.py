@@ -1,4 +1,4 @@
-"""Columns that belong together: one channel's, which differ in the joint only; which of several such groups is likely the channel."""
+"""Groups of columns that belong to one channel and differ only in the joint; the choice among several such groups."""
 
 from __future__ import annotations
 
@@ -32,7 +32,14 @@ Group = dict[str, str]  # joint's key -> column
 
 @dataclass(frozen=True)
 class _Name:
-    """A column's name: the words without those of an arm's joint, that joint, the text in brackets that is no number, the channel."""
+    """A column's name, parsed.
+
+    words    words of the name, without those of the arm's joint
+    joint    name of that joint, "" where there is none
+    text     text in brackets that is not a number
+    hit      word that decides the channel
+    channel  "" where there is none
+    """
 
     name: str
     words: tuple[str, ...]
@@ -59,7 +66,10 @@ class _Name:
 
 
 def groups_of(names: Sequence[str], joint_names: Sequence[str] | None) -> dict[str, list[Group]]:
-    """Channel -> its groups. An arm's joint names are looked for first, and count where one channel has all of them."""
+    """Channel -> its groups of columns.
+
+    Joint names of the arm are looked for first. They count only where one channel has all of them.
+    """
     out: dict[str, list[Group]] = defaultdict(list)
     joints = _named_joints(joint_names)
     read = _channels(names, joints)
@@ -82,7 +92,7 @@ def groups_of(names: Sequence[str], joint_names: Sequence[str] | None) -> dict[s
 
 
 def keys_of(names: Sequence[str], joint_names: Sequence[str] | None) -> list[str]:
-    """The joints' keys of columns that are one group; "" where a name holds none."""
+    """Joint keys of the columns of one group; "" for an empty name, and for all where the names give no distinct keys."""
     there = [name for name in names if name]
     named, read = ([_read(name, joints, "q") for name in there] for joints in (_named_joints(joint_names), ()))
     ways = (
@@ -99,24 +109,24 @@ def keys_of(names: Sequence[str], joint_names: Sequence[str] | None) -> list[str
 def best_of(
     channel: str, groups: Sequence[Group], keys: Sequence[str] | None, wanted: int | None, moving: Sequence[str] = ()
 ) -> Group:
-    """The group of a channel that has the most joints of `keys`; where these are unknown, of `wanted` joints or else the most.
+    """Return the group of a channel that has the most joints of `keys`.
 
-    Among these: one of those in `moving` (first columns of groups that follow a speed), then one whose words are exact, one that is called
-    measured, the one with the shortest names.
+    Where `keys` is None: the group with `wanted` joints, else the one with the most. Ties are decided in this order: a group in
+    `moving` (first columns of groups that follow a speed), one with exact words, one called measured, the shortest first name.
     """
 
     def rank(group: Group) -> tuple[bool, int, bool, bool, bool, int]:
         first = next(iter(group.values()))
         words = set(words_of(first))
         joints = len(group) if keys is None else sum(key in group for key in keys)
-        exact = not words & (ASIDE | VAGUE | {"g"}) and not unknown_unit(channel, list(group.values()))  # g: what weight takes
+        exact = not words & (ASIDE | VAGUE | {"g"}) and not unknown_unit(channel, list(group.values()))  # g: torque of gravity
         return len(group) == wanted, joints, first in moving, exact, bool(words & MEASURED), -len(first)
 
     return max(groups, key=rank)
 
 
 def following(table: Table, groups: Sequence[Group], speed: Group, t: np.ndarray, rows: np.ndarray) -> list[str]:
-    """First columns of the groups of positions most of whose joints are the integral of the speed."""
+    """First columns of the groups of positions in which most joints are the integral of the speed."""
     out = []
     for group in groups:
         pairs = [(name, speed[key]) for key, name in group.items() if key in speed]
@@ -155,13 +165,16 @@ def _read(name: str, joint_names: Sequence[str], channel: str = "") -> _Name:
 
 
 def _named_joints(joint_names: Sequence[str] | None) -> Sequence[str]:
-    """The names, unless they differ in their numbers only: then numbers are keys, which stand in the names of all channels."""
+    """The joint names, or none where they differ only in their numbers, which then are keys in all channels."""
     stems = {tuple(word for word in words_of(name) if not word.isdigit()) for name in joint_names or ()}
     return joint_names or () if len(stems) > 1 or len(joint_names or ()) == 1 else ()
 
 
 def _tell_joints(part: list[_Name]) -> bool:
-    """Whether the texts in brackets are joints: they differ, and they are no units, of which one of a letter may be a joint's name."""
+    """Whether the texts in brackets are joints: they differ and are not units.
+
+    A single letter that is a unit may still be the name of a joint.
+    """
     texts = {x.text for x in part}
     units = {text for text in texts if stated_unit(part[0].channel, f"[{text}]")}
     return len(texts) > 1 and units < texts and all(re.match(r"\w", text) for text in texts) and all(len(x) == 1 for x in units)
@@ -180,10 +193,10 @@ def _by(read: Iterable[_Name], of: Callable[[_Name], Hashable | None]) -> dict[H
 
 
 def _of_one_meaning(part: list[_Name]) -> list[Group]:
-    """Groups of columns that are called the same but for joints, numbers and other words, `q_1`, `q_hip`, `q_filtered_1`.
+    """Groups of columns whose names differ only in joints, numbers and other words: `q_1`, `q_hip`, `q_filtered_1`.
 
-    A number is the joint's, and other words make another group; but it is part of a joint's name (shoulder, elbow, wrist_1, wrist_2) where
-    the columns with the largest group's numbers are no more than half of all.
+    A number identifies the joint, and other words make another group. A number is part of a joint's name (shoulder, elbow,
+    wrist_1, wrist_2) where the columns with the largest group's numbers are no more than half of all.
     """
     bare, others = [x for x in part if not x.rest], [x for x in part if x.rest]
     numbered = list(_by(others, lambda x: x.stem if x.numbers else None).values())
@@ -200,7 +213,7 @@ def _of_one_meaning(part: list[_Name]) -> list[Group]:
 
 
 def _called(read: list[_Name]) -> list[str]:
-    """What joints are called in names such as `/joint_states/elbow_joint/position`, without the parts that all of them share."""
+    """Names of joints in names such as `/joint_states/elbow_joint/position`, without the parts that all of them share."""
     paths = [re.split(r"[/.:]+", x.name) for x in read]
     if len(read) > 1 and len({len(path) for path in paths}) == 1:
         differ = [len(set(parts)) > 1 for parts in zip(*paths, strict=True)]
@@ -212,7 +225,7 @@ def _called(read: list[_Name]) -> list[str]:
 
 
 def _unique(pairs: Iterable[tuple[str, str]]) -> list[Group]:
-    """Groups in which each key stands once; in the order of the joints' numbers, where all keys are numbers."""
+    """Groups in which each key occurs once; sorted by joint number where all keys are numbers."""
     groups: list[Group] = []
     for key, name in pairs:
         group = next((group for group in groups if key not in group), None)

@@ -1,4 +1,4 @@
-"""A first guess at what columns mean, from their names and numbers, to be confirmed by a person before it is used."""
+"""First guess at the meaning of columns, from their names and numbers; a person confirms it before it is used."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from sim.errors import BadLog
 
 @dataclass(frozen=True)
 class Stated:
-    """What is known of the columns and is not guessed: the time's column and unit, or the rate Hz; channel -> its columns."""
+    """What is known of the columns and not guessed: column and unit of the time, or the rate (Hz); channel -> its columns."""
 
     time: str | None = None
     time_unit: str = "s"
@@ -29,9 +29,9 @@ class Stated:
 def guess_map(
     table: Table, joint_names: Sequence[str] | None = None, episode: int | None = None, stated: Stated | None = None
 ) -> tuple[ColumnMap, list[str]]:
-    """The likely meaning of the columns, and sentences about what is doubtful; BadLog where no positions are found.
+    """Return the likely meaning of the columns, and sentences about doubts; BadLog where there are no positions or times.
 
-    `joint_names` are the arm's, in the order of the columns; what is `stated` stands in the map as it is.
+    `joint_names` are the arm's, in the order of the columns. What is `stated` is kept as it is.
     """
     stated = stated or Stated()
     doubts: list[str] = []
@@ -47,7 +47,7 @@ def guess_map(
     rows = np.ones(len(table), dtype=bool)
     for name, value in where.items():
         rows &= table.columns[name] == value
-    t = np.full(len(table), np.nan)  # of a column of words, which is refused where it is read
+    t = np.full(len(table), np.nan)  # stays so for a column of text, which is refused where it is read
     if rate is not None:
         t = np.arange(len(table)) / rate
     elif time in table.columns:
@@ -69,9 +69,9 @@ def guess_map(
             continue
         columns = tuple(group.get(key, "") for key in keys)
         if len(keys) == len(group) == 1:
-            columns = tuple(group.values())  # the only joint there is
+            columns = tuple(group.values())  # the only joint
         if not any(columns):
-            doubts.append(f"{', '.join(group.values())} is {channel} of other joints than the positions and is not taken")
+            doubts.append(f"{', '.join(group.values())} is {channel} of joints without positions and is not used")
             continue
         others = [name for part in groups[channel] if part is not group for name in part.values()]
         if others:
@@ -91,11 +91,11 @@ def numbered_joints(n: int) -> tuple[str, ...]:
 
 
 def _groups(table: Table, time: str | None, stated: Stated, joint_names: Sequence[str] | None) -> dict[str, list[Group]]:
-    """Channel -> groups of columns, of which none is taken for anything but what it is stated to be."""
+    """Channel -> groups of columns; a stated column serves only for what it is stated to be."""
     used = {time, *(name for part in stated.channels.values() for name in part.columns)}
     groups = groups_of([name for name in table.columns if name not in used], joint_names)
     for channel, part in stated.channels.items():
-        # a joint without a column, or one whose name says nothing of the joint, keeps its place
+        # a joint without a column, or whose name does not state the joint, keeps its place
         keys = keys_of(part.columns, joint_names)
         if len(set(keys)) < len(keys):
             keys = [str(k + 1) for k in range(len(keys))]
@@ -108,7 +108,7 @@ def _best(
 ) -> dict[str, Group]:
     if "q" not in groups:
         raise BadLog(
-            f"no columns that are positions by their names: {', '.join(list(table.columns)[:24])}; say which they are: "
+            f"no columns that are positions, judging by their names: {', '.join(list(table.columns)[:24])}; say which they are: "
             "--column q=NAME,NAME,...:deg"
         )
     wanted = len(joint_names) if joint_names else None

@@ -1,21 +1,21 @@
-"""What the columns of a table mean: which is the time, which the q, dq, tau, ... of which joint, in which unit; kept as a small TOML file.
+"""Meaning of the columns of a table, kept as a small TOML file: the time, and the q, dq, tau, ... of each joint, with units.
 
 joints = ["shoulder", "elbow"]
 
 [time]
-column = "stamp"            # or `rate`, samples a second, where the file has no time
+column = "stamp"            # or `rate`, samples per second, where the file has no time
 unit = "ms"
 
 [q]
 columns = ["pos1", "pos2"]  # "" for a joint that the file does not have
 unit = "deg"
-factor = [1.0, -1.0]        # after the unit; a direction, a gear ratio; one number for all joints, or one for each
-wraps = 6.283185307179586   # rad: the reading starts again after so much
+factor = [1.0, -1.0]        # applied after the unit: direction or gear ratio; one number for all joints, or one for each
+wraps = 6.283185307179586   # rad: the reading wraps after this angle
 
 [current]
 columns = ["load1", "load2"]
 unit = "mA"
-integer = "int16"           # or "int32": the raw numbers are signed words that were kept as unsigned ones, 65535 for -1
+integer = "int16"           # or "int32": the raw numbers are signed words stored as unsigned, 65535 for -1
 
 [where]                     # rows of one recording, where the file holds several
 episode_index = 0
@@ -40,13 +40,16 @@ from sim.resources import nearest
 
 MAX_JOINTS = 64
 DRIVE = ("tau", "current")
-CALENDAR = "ns"  # the unit of columns that hold instants of a calendar
+CALENDAR = "ns"  # the unit of columns that hold calendar times
 
 
 @dataclass(frozen=True)
 class Columns:
-    """The columns of one channel: a name for each joint ("" where there is none), their unit, a factor for each joint after it, and the
-    angle rad after which a position reading starts again; the word (logs.words) whose sign was lost."""
+    """The columns of one channel: a name for each joint ("" where there is none), their unit, and a factor for each joint.
+
+    The factor is applied after the unit. wraps: rad, angle after which a position reading starts again. integer: type
+    (logs.words) of a word whose sign was lost.
+    """
 
     columns: tuple[str, ...]
     unit: str
@@ -57,7 +60,7 @@ class Columns:
 
 @dataclass(frozen=True)
 class ColumnMap:
-    """Names of the joints; the time's column and unit, or the rate Hz; channel -> its columns; which rows are the recording."""
+    """Joint names; column and unit of the time, or the rate (Hz); channel -> its columns; `where` selects the rows."""
 
     joints: tuple[str, ...]
     time: str | None
@@ -67,7 +70,7 @@ class ColumnMap:
     where: Mapping[str, float] = field(default_factory=dict)
 
     def plain(self) -> dict[str, Any]:
-        """As plain dictionaries, which `of_plain` reads."""
+        """The map as plain dictionaries, which `of_plain` reads."""
         out: dict[str, Any] = {"joints": list(self.joints)}
         out["time"] = {"rate": self.rate} if self.time is None else {"column": self.time, "unit": self.time_unit}
         for name, part in self.channels.items():
@@ -83,7 +86,7 @@ class ColumnMap:
         return out
 
     def text(self) -> str:
-        """As TOML."""
+        """The map as TOML."""
         return tomli_w.dumps(self.plain())
 
 
@@ -93,7 +96,7 @@ def read_map(path: Path) -> ColumnMap:
 
 
 def of_plain(data: Mapping[str, Any], where: str) -> ColumnMap:
-    """The map of plain dictionaries; every key must be known."""
+    """The map in plain dictionaries; ConfigError names the place, the value and the rule, also for an unknown key."""
     _known(data, ("joints", "time", "where", *CHANNELS), where)
     joints = _strings(data.get("joints"), f"{where}: joints")
     if not joints or len(joints) > MAX_JOINTS or len(set(joints)) != len(joints) or "" in joints:
@@ -130,7 +133,7 @@ def _columns(name: str, data: Any, n: int, where: str) -> Columns:
         raise ConfigError(f"{where} factor: {factor!r:.80}; one number other than 0 for all joints, or one for each of {n}")
     wraps = data.get("wraps")
     if wraps is not None and (name != "q" or not 0.1 < _number(wraps, f"{where} wraps") < 1e4):
-        raise ConfigError(f"{where} wraps: {wraps!r}; only a position starts again, after 0.1 to 1e4 rad")
+        raise ConfigError(f"{where} wraps: {wraps!r}; only a position wraps, after 0.1 to 1e4 rad")
     integer = data.get("integer")
     if integer is not None and (name not in DRIVE or not isinstance(integer, str) or integer not in BITS):
         raise ConfigError(f"{where} integer: {integer!r:.40}; {' or '.join(BITS)}, and only for {', '.join(DRIVE)}")

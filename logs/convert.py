@@ -1,4 +1,4 @@
-"""Any recording becomes a finished file of our own: importing ur_rtde CSV, ROS bags and tables, recovering open and damaged files."""
+"""Convert any recording to a finished file of our own: import ur_rtde CSV, ROS bags and tables, recover open and damaged files."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ from sim.version import software_version
 
 @dataclass(frozen=True)
 class Imported:
-    """The finished file, the log in it, how the source had ended, how it was sampled, and sentences about what did not survive."""
+    """The finished file and its log, how the source had ended, what did not survive (sentences), and how it was sampled."""
 
     source: Path
     path: Path
@@ -56,7 +56,7 @@ class Imported:
 
 
 def table_of(source: Path) -> Table | None:
-    """The columns of a file whose meaning must be stated, or None for a recording that states it itself."""
+    """Return the columns of a file whose meaning must be stated; None for a recording that states it, or an unknown format."""
     from logs.mcap_records import MAGIC
     from logs.ur_rtde_csv import looks_like_csv
 
@@ -74,14 +74,18 @@ def import_recording(
     source: str | Path, target: str | Path, columns: ColumnMap | None = None, change: Callable[[Log], Log] | None = None,
     joint_names: Sequence[str] | None = None, arm: Mapping[str, str] = MappingProxyType({}),
 ) -> Imported:  # fmt: skip
-    """Write what survives of `source` to the new file `target`; BadLog where nothing does.
+    """Write what survives of `source` to the new file `target`; BadLog where nothing does, DeviceError where `target` exists.
 
-    The file is clean if the source was whole, and aborted otherwise: identification then refuses it unless --accept-partial is given. A journal is
-    copied message by message; anything else is read into a Log, in which joints, times and values are checked, and written again. A table
-    needs the meaning of its `columns`; of anything else `joint_names` asks for these joints (`read_log`). `change` may refuse the log (raise) or read
-    it another way before it is written. `arm` is written down where the recording does not say of which arm it is. Where the source has one clock only and its
-    stamps jitter, the instants are rebuilt and the stamps kept as those of the host (`logs.sampling`); samples that repeat the one before are left
-    out. Both are reported.
+    The file is clean if the source was whole, killed if its program was killed, and otherwise aborted: identification then
+    refuses it unless --accept-partial is given. A journal is copied message by message, unless `change` altered it. Anything
+    else is read into a Log, in which joints, times and values are checked, and written again. Samples that repeat the one
+    before are left out. Where the source has only one clock and its stamps jitter, the sample times are rebuilt and the stamps
+    kept as host times (`logs.sampling`). Both are reported.
+
+    columns      meaning of the columns; needed for a table
+    change       may refuse the log (raise) or return another reading of it, before it is written
+    joint_names  joints asked for (`read_log`), where `source` is not a table
+    arm          metadata added where the recording does not state its arm
     """
     source, target = Path(source), Path(target)
     if target.exists():
@@ -97,7 +101,7 @@ def import_recording(
     ended = log.state
     reason = log.metadata.get("end_reason") or ("imported" if whole else f"recovered: {ended.value}")
     unresolved = coarse(log.t, log.q, log.dq, log.tau, log.current)
-    if change is None and unresolved:  # a change judges by itself
+    if change is None and unresolved:  # a `change` checks this itself
         raise BadLog(f"{source}: time: {unresolved}; {finer(log.metadata)}")
     read = log if change is None else change(log)
     journal = source.is_file() and is_journal(source) and read is log
@@ -115,7 +119,7 @@ def import_recording(
 
 
 def sampling_of(log: Log) -> Sampling:
-    """How the samples of a log were taken; nothing is added."""
+    """How the samples of a log were taken; no value is added."""
     if np.any(np.diff(log.t) < 0) or not np.isfinite(log.q).all():
         log = log.part(np.isfinite(log.q).all(axis=1))
     others = {name: getattr(log, name) for name in ("tau", "current") if np.isfinite(getattr(log, name)).any()}
@@ -123,8 +127,11 @@ def sampling_of(log: Log) -> Sampling:
 
 
 def _resampled(log: Log) -> tuple[Log, Sampling]:
-    """The log at the instants of sampling and without repeated samples; where another clock is recorded beside, as it is but for all but
-    the first of the samples that share an instant."""
+    """Return the log at its sample times without repeated samples, and how it was sampled.
+
+    Where a host clock is recorded too, or values of q are missing, only samples that share the stamp of the one before are left
+    out.
+    """
     found = sampling_of(log)
     alone = not np.isfinite(log.t_host).any() and np.isfinite(log.q).all()
     if not alone or (not found.rebuilt and len(found.source) == len(log)):
@@ -140,7 +147,7 @@ def _resampled(log: Log) -> tuple[Log, Sampling]:
 
 
 def _without_duplicates(log: Log) -> Log:
-    """The first of the samples that share an instant: two readings at one instant have no derivative."""
+    """Keep the first of samples that share a stamp: two readings at one instant have no derivative."""
     keep = np.r_[True, np.diff(log.t) > 0]
     if keep.all():
         return log
@@ -148,7 +155,7 @@ def _without_duplicates(log: Log) -> Log:
 
 
 def write_log(log: Log, target: Path, state: str, words: dict[str, str]) -> None:
-    """The log as a finished MCAP file; `words` join its metadata in the record `recording`."""
+    """Write the log as a finished MCAP file; `words` join its metadata in the record `recording`."""
     channels = {topic: k for k, topic in enumerate(TOPICS, start=1)}
     stamps = log.t_origin + np.rint(log.t * 1e9).astype(np.int64)
     has_host = bool(np.isfinite(log.t_host).all())
@@ -158,7 +165,7 @@ def write_log(log: Log, target: Path, state: str, words: dict[str, str]) -> None
     if not 0 <= min(int(stamps.min()), int(hosts.min())) <= max(int(stamps.max()), int(hosts.max())) < STAMPS_END:
         raise BadLog(
             f"{target}: instants from {stamps.min() * 1e-9:.6g} to {stamps.max() * 1e-9:.6g} s since 1970 cannot be written (1970 to 2038); "
-            "check the unit of the time, and the clock"
+            "check the time unit and the clock"
         )
     frame = log.metadata.get(FRAME, "")
     encoder = JointEncoder(log.joint_names, frame if is_name(frame) else "")
@@ -174,7 +181,9 @@ def write_log(log: Log, target: Path, state: str, words: dict[str, str]) -> None
             writer.register_channel(topic, "cdr", numbers[kind], UNITS[topic])
         own = {key: value for key, value in log.metadata.items() if not key.startswith(f"{DEVICE_CLOCK}.")}
         about = own | words | {"state": state, "samples": str(len(log)), "joint_names": json.dumps(log.joint_names)}
-        writer.add_metadata(RECORDING, about if has_host else about | NO_HOST_CLOCK)  # first: a file cut short still says it
+        writer.add_metadata(
+            RECORDING, about if has_host else about | NO_HOST_CLOCK
+        )  # first: a file that is cut short still has it
         for k, (stamp, host) in enumerate(zip(stamps.tolist(), hosts.tolist(), strict=True)):
             for topic, arrays in sources:
                 data = encoder.body(stamp, [np.ascontiguousarray(array[k]) for array in arrays])

@@ -1,4 +1,4 @@
-"""Damage in a file is refused with its place and remedy or, where the operator accepts a partial file, counted and reported."""
+"""Damage in a file: refused with its place and remedy or, where the operator accepts a partial file, counted and reported."""
 
 from __future__ import annotations
 
@@ -39,6 +39,6 @@ class Damage:
         self.findings.append(sentence)
 
     def all_findings(self) -> tuple[str, ...]:
-        """Every sentence, and how many were not kept."""
+        """All sentences, and the number of damaged places for which none was kept."""
         more = self.count - MAX_FINDINGS
         return (*self.findings, *((f"left out: {more} more damaged places",) if more > 0 else ()))

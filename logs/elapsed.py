@@ -1,4 +1,4 @@
-"""Time that passed between samples, by positions against speeds."""
+"""Time that passed between samples, from positions and speeds."""
 
 from __future__ import annotations
 
@@ -8,12 +8,16 @@ import numpy as np
 
 from logs.normal import OF_MEDIAN
 
-TRUST = 0.1  # dq is the derivative of q within this share, in the median
+TRUST = 0.1  # dq counts as the derivative of q where their median ratio is within this of 1
 LEAST_INFORMATIVE = 100
 
 
 def elapsed_between(steps: np.ndarray, q: np.ndarray, dq: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Time that passed between samples (K,), its standard deviation (K,), infinite where nothing is informative, and dq over dq/dt of q (n,)."""
+    """Time between samples (K,) s, its standard deviation (K,) s, and dq over dq/dt of q (n,).
+
+    The standard deviation is infinite if no joint is informative; the times are then `steps`. The ratio is NaN for a joint that
+    hardly moves or has no dq. steps (K,) s; q, dq (K + 1, n) rad, rad/s.
+    """
     moved, speed = np.diff(q, axis=0), 0.5 * (dq[1:] + dq[:-1])
     scale = np.full(q.shape[1], np.nan)
     weight = np.zeros(q.shape[1])
@@ -23,7 +27,7 @@ def elapsed_between(steps: np.ndarray, q: np.ndarray, dq: np.ndarray) -> tuple[n
         fast = ok & (np.abs(v) > 0.3 * np.quantile(np.abs(v[ok]), 0.95)) & (np.abs(v) > 0) if ok.any() else ok
         if fast.sum() < LEAST_INFORMATIVE or not x.any() or np.ptp(q[:, j]) < 100 * np.quantile(np.abs(x[x != 0]), 0.01):
             continue
-        # of the two it is the difference of positions that is coarse: it is never what rows are chosen by, or divided by
+        # position differences are the coarser of the two: they neither select rows nor divide
         ratio = x[fast] / (v[fast] * steps[fast])
         middle = float(np.median(ratio))
         scale[j] = 1 / middle if middle != 0 else np.inf
@@ -43,7 +47,7 @@ def elapsed_between(steps: np.ndarray, q: np.ndarray, dq: np.ndarray) -> tuple[n
         elapsed = (w * v * x).sum(axis=1) / np.maximum(total, 1e-300)
         if used.sum() < 2:
             break
-        # what a joint leaves of its own displacement is its noise, but for the part that it drew the mean to itself
+        # a joint's residual displacement is its noise, less the share by which it pulled the mean towards itself
         drawn = np.median(1 - share / np.maximum(total, 1e-300)[:, None], axis=0)
         rest = OF_MEDIAN * np.median(np.abs(x - v * elapsed[:, None]), axis=0) / np.sqrt(np.maximum(drawn, 0.1))
         w = np.maximum(rest, 0.1 / np.sqrt(w)) ** -2.0

@@ -1,6 +1,6 @@
-"""Samples and events as ROS 2 messages in MCAP message records, ready to be written (CDR, little endian).
+"""Encode samples and events as ROS 2 messages in MCAP message records, ready to be written (CDR, little endian).
 
-A joint message is constant text and lengths with a few arrays between; the constant stretches are made once, so that encoding a
+A joint message is constant text and lengths with a few arrays between. The constant stretches are made once, so that encoding a
 sample is one join of bytes.
 """
 
@@ -31,7 +31,7 @@ class JointEncoder:
         self._stretches: dict[tuple[bool, ...], list[bytes]] = {}
 
     def body(self, stamp_ns: int, arrays: Sequence[np.ndarray]) -> bytes:
-        """The message at `stamp_ns`; an array (n,) that is all NaN is what the device does not report, and stays empty."""
+        """The message at `stamp_ns`. An array (n,) that is all NaN was not reported by the device, and stays empty."""
         data = [array.tobytes() for array in arrays]
         present = tuple(not np.isnan(array).all() for array in arrays)
         stretches = self._stretches.get(present) or self._stretches.setdefault(present, self._constant(present))
@@ -43,7 +43,7 @@ class JointEncoder:
         return b"".join(parts)
 
     def _constant(self, present: tuple[bool, ...]) -> list[bytes]:
-        """What stands before, between and after the arrays that are there."""
+        """Constant bytes before, between and after the arrays that are present."""
         out, at = [], 8  # bytes of the body after its encapsulation; the stamp takes 8
         piece = bytearray(_string(self.frame, at))
         piece += bytes(-(at + len(piece)) % 4) + struct.pack("<I", len(self.names))

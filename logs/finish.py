@@ -1,4 +1,4 @@
-"""A journal becomes a finished MCAP file: chunks, zstd, indexes, statistics, CRCs; checked, then put in place at once."""
+"""Turn a journal into a finished MCAP file: chunks, zstd, indexes, statistics, CRCs; verified, then put in place in one step."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ LIBRARY = "arm-calib"
 
 
 def finish(journal: Path, state: str, words: dict[str, str], target: Path | None = None) -> tuple[str, ...]:
-    """Replace the journal by a finished file of the same name (or write `target` and keep the journal); returns findings.
+    """Replace the journal by a finished file of the same name, or write `target` and keep the journal; return findings.
 
     `words` join the journal's own metadata in the record `recording`. The finished file is written beside its place, synced,
-    read back and counted, and only then renamed: at every instant there is one whole file under the name.
+    read back, counted, and only then renamed. At every instant there is one whole file under the name.
     """
     damage = Damage(journal, accept_partial=state != "clean")
     target = target or journal
@@ -39,7 +39,7 @@ def finish(journal: Path, state: str, words: dict[str, str], target: Path | None
             batches = stream.batches()
             first = next(
                 batches, None
-            )  # a journal begins with what it says of itself, and so does the file: cut short, it still says it
+            )  # a journal begins with its metadata, and so does the file: one that is cut short still has it
             own = {key: value for key, value in stream.metadata.pop(RECORDING, {}).items() if key not in ("ring", "boot")}
             writer.add_metadata(RECORDING, own | words | {"state": state})
             for batch in [] if first is None else chain([first], batches):
@@ -70,14 +70,14 @@ def finish(journal: Path, state: str, words: dict[str, str], target: Path | None
 
 
 def killed_sentence(samples: int, last: int | None, lost: str = "at most 1 lost") -> str:
-    """When a recording was killed, from the host clock of its last sample (ns since 1970), and what of it there is."""
+    """When a recording was killed (`last`: host clock of its last sample, ns since 1970), and how much of it there is."""
     if not samples or last is None:
         return "killed before the first sample"
     return f"killed at {datetime.fromtimestamp(last * 1e-9, UTC):%H:%M:%S} UTC, {samples:,} samples, {lost}"
 
 
 def add_clock_fit(writer: Writer, fit: ClockFit | None) -> None:
-    """The metadata record `clock_fit`, where there is a fit."""
+    """Add the metadata record `clock_fit`, where there is a fit."""
     if fit is not None:
         writer.add_metadata("clock_fit", fit.text())
 
@@ -108,7 +108,7 @@ def write_file(part: Path, body: Callable[[Writer], dict[int, int]]) -> None:
                 pass
         if stream.counts != {channel: count for channel, count in counts.items() if count}:
             raise DeviceError(
-                f"{part}: reads back {stream.counts} messages where {counts} were written; the disk is not to be trusted"
+                f"{part}: reads back {stream.counts} messages where {counts} were written; do not trust this disk"
             )
     except OSError as error:
         part.unlink(missing_ok=True)
@@ -121,7 +121,7 @@ def write_file(part: Path, body: Callable[[Writer], dict[int, int]]) -> None:
 
 
 def put_in_place(part: Path, target: Path) -> None:
-    """Rename, and make the rename itself survive a power cut."""
+    """Rename the file, and sync the folder so that the rename survives a power cut."""
     os.replace(part, target)
     folder = os.open(target.parent, os.O_RDONLY)
     try:

@@ -1,4 +1,4 @@
-"""The messages of one topic as arrays by joint name: all of one layout at once, every other message by itself."""
+"""The messages of one topic as arrays by joint name: messages of one layout are decoded together, all others one by one."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from logs.cdr import CdrError, Layout, joint_layout
 from logs.damage import Damage
 from logs.mcap_records import MESSAGE, Batch
 
-BLOCK = 1 << 16  # rows after which the pieces are put together
+BLOCK = 1 << 16  # rows after which the pieces are joined
 MAX_LAYOUTS = 8  # layouts tried on a batch before its remaining messages are parsed one by one
 
 
@@ -18,8 +18,8 @@ MAX_LAYOUTS = 8  # layouts tried on a batch before its remaining messages are pa
 class JointTopic:
     """Messages of one topic, decoded in pieces: stamps, host times and values in the order of `wanted`.
 
-    Without `wanted` the joints are those of the message with most of them in the first batch. others: joints of messages that name none of
-    them -> how many; the count is whole, the sets are the first MAX_LAYOUTS.
+    Without `wanted`, the joints are those of the message with the most joints in the first batch. others: joints of messages
+    that name none of `wanted` -> their number. The total is exact; only the first MAX_LAYOUTS sets are kept.
     """
 
     topic: str
@@ -31,13 +31,13 @@ class JointTopic:
     sequence: list[np.ndarray] = field(default_factory=list)
     values: list[list[np.ndarray]] = field(default_factory=list)
     others: dict[tuple[str, ...], int] = field(default_factory=dict)
-    taken: int = 0  # messages, those given up by `clear` too
+    taken: int = 0  # messages, including those dropped by `clear`
     last_host: int | None = None
     layouts: dict[int, list[Layout]] = field(default_factory=dict)
     _loose: int = 0
 
     def take(self, batch: Batch, starts: np.ndarray, heads: np.ndarray) -> None:
-        """Decode the messages at `starts`; those of one size and layout at once."""
+        """Decode the messages at `starts`; those of one size and layout together."""
         count = len(starts)
         stamp = np.zeros(count, dtype=np.int64)
         sound = np.zeros(count, dtype=bool)
@@ -57,7 +57,7 @@ class JointTopic:
                     continue
                 if tried >= len(known) and len(known) < MAX_LAYOUTS:
                     known.append(layout)
-                # beyond MAX_LAYOUTS every message is parsed by itself: slow and correct, and never quadratic
+                # beyond MAX_LAYOUTS every message is parsed by itself: slow, but correct and never quadratic
                 if tried >= MAX_LAYOUTS:
                     places, matching, left, rows = left[:1], rows[:1], left[1:], rows[1:]
                 elif (match := layout.matches(rows)).all():
@@ -72,7 +72,7 @@ class JointTopic:
         self._append(stamp, heads["log"].astype(np.int64), heads["sequence"].astype(np.int64), values, sound)
 
     def _most_joints(self, batch: Batch, starts: np.ndarray, sizes: np.ndarray) -> tuple[str, ...] | None:
-        """The names of the largest set of joints among the first messages of each size, the earlier of two; None where none can be read."""
+        """Names of the largest set of joints among the first messages of each size, the earlier on a tie; None if unreadable."""
         most: tuple[str, ...] | None = None
         for k in np.sort(np.unique(sizes, return_index=True)[1]).tolist():
             if not sizes[k]:
@@ -99,7 +99,7 @@ class JointTopic:
         self, layout: Layout, rows: np.ndarray, places: np.ndarray, values: list[np.ndarray | None], sound: np.ndarray,
         count: int, batch: Batch, starts: np.ndarray,
     ) -> None:  # fmt: skip
-        """Values of matching messages into their columns, by joint name."""
+        """Write the values of matching messages to their columns, by joint name."""
         wanted = self.wanted = layout.names if self.wanted is None else self.wanted
         missing = [name for name in wanted if name not in layout.names]
         if missing or not wanted:
@@ -149,11 +149,11 @@ class JointTopic:
             self._loose = 0
 
     def clear(self) -> None:
-        """Forget what was taken, but not what was learnt of its layout."""
+        """Drop the messages taken so far, but keep their layouts."""
         self.stamp, self.host, self.sequence, self.values, self._loose = [], [], [], [], 0
 
     def joined(self, k: int) -> np.ndarray:
-        """(M, n) values of field k; its pieces are given up, so that memory never holds all of them twice."""
+        """(M, n) values of field k; its pieces are released, so that memory never holds all of them twice."""
         pieces = [parts[k] for parts in self.values]
         for parts in self.values:
             parts[k] = np.empty((0, 0))
@@ -161,7 +161,7 @@ class JointTopic:
 
 
 def _grown(pieces: list[np.ndarray]) -> np.ndarray:
-    """The rows of all pieces, after which nobody may use them: the first grows, where it can, without being held twice."""
+    """Concatenate the pieces, which are unusable afterwards: the first grows, where it can, without being held twice."""
     first, rest, count = pieces[0], pieces[1:], sum(map(len, pieces))
     at, shape = len(first), (count, *first.shape[1:])
     if not any(piece.strides[0] for piece in pieces):

@@ -1,6 +1,6 @@
-"""The file behind a running recording: new, append-only, space reserved ahead, synced to the disk from another thread.
+"""The file behind a running recording: new, append-only, space reserved ahead, synced to the disk by another thread.
 
-After the first failed write nothing is written any more: `failure` keeps the sentence, and every later call raises it again.
+After the first failed write nothing more is written. `failure` keeps the sentence, and every later call raises it again.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ def record_bytes(record: McapRecord) -> bytes:
 
 
 def journal_head(metadata: dict[str, str], attachments: Sequence[Attachment] = ()) -> bytes:
-    """Header, what the recording says of itself (state open), attachments, schemas and channels: after the magic, a valid start of a file."""
+    """Header, metadata (state open), attachments, schemas and channels: after the magic, a valid start of a file."""
     numbers = {kind: k for k, kind in enumerate(SCHEMAS, start=1)}
     records: list[McapRecord] = [Header(profile="ros2", library=JOURNAL)]
     records.append(Metadata(name=RECORDING, metadata={**metadata, "state": "open"}))
@@ -50,7 +50,7 @@ def journal_head(metadata: dict[str, str], attachments: Sequence[Attachment] = (
 
 
 class Disk:
-    """The calls to the operating system, in one place, so that a test can make any of them fail."""
+    """Calls to the operating system, in one place so that a test can make any of them fail."""
 
     def write(self, fd: int, data: bytes) -> int:
         return os.write(fd, data)
@@ -59,9 +59,9 @@ class Disk:
         os.fdatasync(fd)
 
     def reserve(self, fd: int, start: int, size: int) -> None:
-        """Blocks for `size` bytes after `start` without making the file longer; OSError where there is no room.
+        """Reserve blocks for `size` bytes after `start` without growing the file; OSError where there is no room.
 
-        posix_fallocate would make the file longer, and zeros are no MCAP records; fallocate(2) can keep the size.
+        posix_fallocate would grow the file, and zeros are not MCAP records; fallocate(2) can keep the size.
         """
         fallocate = getattr(ctypes.CDLL(None, use_errno=True), "fallocate", None)
         if fallocate is None:
@@ -84,20 +84,18 @@ class Journal:
         self, path: Path, metadata: dict[str, str], reserve: int = AHEAD, disk: Disk | None = None, attachments: Sequence[Attachment] = (),
         first: bytes = b"",
     ) -> None:  # fmt: skip
-        """A new file at `path`, with `first` behind its head; `reserve` bytes are requested from the file system first, and more in time when they run low."""
+        """Create a new file at `path` with `first` after its head; reserve `reserve` bytes, and more before they run out."""
         self._prepare(path, reserve, disk)
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            raise DeviceError(f"{path.parent}: is no folder and cannot be made one ({error.strerror})") from error
+            raise DeviceError(f"{path.parent}: is not a folder and cannot be created ({error.strerror})") from error
         try:
             self._fd = os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY | os.O_APPEND | os.O_CLOEXEC, 0o644)
         except FileExistsError:
             raise DeviceError(f"{path}: exists already; recordings are never overwritten, give another name") from None
         except OSError as error:
-            raise DeviceError(
-                f"{path}: cannot be created ({error.strerror}); record into a folder that can be written"
-            ) from error
+            raise DeviceError(f"{path}: cannot be created ({error.strerror}); record into a writable folder") from error
         locked(self._fd)  # where the file system has no locks, readers leave the file as it is
         try:
             self._reserve(reserve)
@@ -114,14 +112,14 @@ class Journal:
 
     @classmethod
     def reopened(cls, path: Path, size: int) -> Journal:
-        """The journal of a program that is gone, cut to its first `size` bytes, to be gone on with; the caller holds its lock."""
+        """Continue the journal of a program that is gone, cut to its first `size` bytes; the caller holds its lock."""
         journal = cls.__new__(cls)
         journal._prepare(path, AHEAD, None)
         try:
             journal._fd = os.open(path, os.O_WRONLY | os.O_APPEND | os.O_CLOEXEC)
             os.ftruncate(journal._fd, size)
         except OSError as error:
-            raise DeviceError(f"{path}: cannot be written ({error.strerror}); recover it in a folder that can be") from error
+            raise DeviceError(f"{path}: cannot be written ({error.strerror}); recover it in a writable folder") from error
         journal._size = size
         journal._begin()
         return journal
@@ -143,7 +141,7 @@ class Journal:
         return os.dup(self._fd)
 
     def append(self, records: bytes) -> None:
-        """Write `records` and their check sum at once; DeviceError from the first failure on."""
+        """Write `records` and their checksum at once; DeviceError from the first failure on."""
         data = records + _SEAL_HEAD + zlib.crc32(records).to_bytes(4, "little")
         if self.failure is None or self._size + len(data) <= self._reserved:
             try:
@@ -159,7 +157,7 @@ class Journal:
         self._check()
 
     def _reserve(self, size: int) -> None:
-        """Room for `size` more bytes; running out of it is a failure while there is still room to end the motion in."""
+        """Reserve `size` more bytes; running out is a failure while there is still room to end the motion."""
         try:
             self.disk.reserve(self._fd, self._size, size)
             self._reserved = self._size + size
@@ -181,7 +179,7 @@ class Journal:
             )
 
     def _note(self, failure: str) -> None:
-        """The failure in the file itself, where there is room: who reads it later must not take it for whole."""
+        """Write the failure into the file, where there is room: a later reader must not take it for whole."""
         record = record_bytes(Metadata(name=FAILURE, metadata={"reason": failure}))
         with contextlib.suppress(OSError):
             os.write(self._fd, record + _SEAL_HEAD + zlib.crc32(record).to_bytes(4, "little"))
@@ -210,7 +208,7 @@ class Journal:
         except OSError as error:
             self._fail(error)
         try:
-            os.ftruncate(self._fd, self._size)  # gives back what was reserved, and cuts half a sample off
+            os.ftruncate(self._fd, self._size)  # releases the reserved space and cuts off half a sample
         except OSError as error:
             self._fail(error)
         if self.failure is not None:

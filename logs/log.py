@@ -1,4 +1,4 @@
-"""A recording as arrays: what was measured, what was commanded, when, and what is known about it."""
+"""A recording as arrays: what was measured, what was commanded and when, with its metadata."""
 
 from __future__ import annotations
 
@@ -20,17 +20,17 @@ SAMPLES = ("t", "t_host", *CHANNELS)  # the arrays with a row for each sample
 class State(Enum):
     """How the recording ended; the value is the sentence shown to people."""
 
-    CLEAN = "the recording was ended on purpose and is complete"
+    CLEAN = "the recording was ended properly and is complete"
     ABORTED = "the recording was ended by a fault"
-    KILLED = "the program that recorded was killed; what it had written is whole"
-    OPEN = "the recording was never ended: it is still being written, or nobody can know whether it is"
-    CUT = "the file ends in the middle, or a part of it is damaged"
-    UNSTATED = "the file's format does not tell how the recording ended"
+    KILLED = "the recording program was killed; what it had written is intact"
+    OPEN = "the recording was never ended: it is still being written, or this cannot be determined"
+    CUT = "the file is cut short, or a part of it is damaged"
+    UNSTATED = "the file's format does not state how the recording ended"
 
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """One line of `/events`: instant on the log's `t` (s), level (ROS: 10 debug, 20 info, 30 warn, 40 error), text."""
+    """One line of `/events`: time on the log's `t` (s), level (ROS: 10 debug, 20 info, 30 warn, 40 error), name, text."""
 
     t: float
     level: int
@@ -42,20 +42,20 @@ class Event:
 class Log:
     """N samples of n joints on the device clock; NaN where nothing was reported.
 
-    t            (N,) s, device clock, as recorded (a reader never sorts, drops or repairs samples), from `t_origin`
-    t_host       (N,) s, host clock at reception, from `t_host_origin`; NaN where the format has none
+    t            (N,) s, device clock, relative to `t_origin`; `findings` states every change that a reader made
+    t_host       (N,) s, host clock at reception, relative to `t_host_origin`; NaN where the format has none
     q dq tau     (N, n) rad, rad/s, N m: measured; tau is the torque that the drive reports
     q_cmd dq_cmd tau_cmd  (N, n) the last command at or before each sample
-    current      (N, n) A, on the line through the readings before and after where they have instants of their own
+    current      (N, n) A, interpolated linearly between readings that have their own stamps
     temperature  (N, n) degC, the last reading at or before each sample
     joint_names  names, in the order of the columns
-    metadata     what the recording says of itself (arm, firmware, payload, clock fit, end reason, ...); words as recorded
+    metadata     what the recording states about itself (arm, firmware, payload, clock fit, end reason, ...); text as recorded
     events       lines of /events
     findings     sentences about damage, gaps and loss that the reader noticed
     state        how the recording ended
-    clock        the fit between device and host clock; None without a host clock, or where there is too little of it
-    t_origin     device clock at t = 0, ns; t_host_origin the same of the host clock. A float of seconds since 1970 resolves
-                 only 0.24 us, so the origins are kept apart as integers: device instant = t_origin + 1e9 t
+    clock        the fit between device and host clock; None without a host clock, or with too few data
+    t_origin     device clock at t = 0, ns; t_host_origin is the same for the host clock. A float of seconds since 1970
+                 resolves only 0.24 us, so the origins are kept as integers: device time = t_origin + 1e9 t
     """
 
     joint_names: tuple[str, ...]
@@ -92,10 +92,10 @@ class Log:
         return float(np.median(np.diff(self.t))) if len(self) > 1 else math.nan
 
     def part(self, rows: slice | np.ndarray) -> Log:
-        """Those samples alone, on the same clock."""
+        """The log reduced to `rows`, on the same clock."""
         return replace(self, **{name: getattr(self, name)[rows] for name in SAMPLES})
 
     def with_joints(self, names: Sequence[str]) -> Log:
-        """These joints, in this order; ValueError where the log has not all of them."""
+        """The log with these joints, in this order; ValueError where one is missing."""
         columns = [self.joint_names.index(name) for name in names]
         return replace(self, joint_names=tuple(names), **{name: getattr(self, name)[:, columns] for name in CHANNELS})

@@ -1,7 +1,7 @@
-"""Samples that were lost although the stamps do not show it: a recorder that counts its samples writes an even clock over every loss.
+"""Samples lost without a trace in the stamps: a recorder that counts its samples writes an even clock over every loss.
 
-The position then goes on by more than the speed covers between two stamps: by v (d - (t1 - t0)), d the time that really passed
-(`logs.elapsed`).
+Between two stamps the position then moves further than the speed covers, by v (d - (t1 - t0)), with d the time that really
+passed (`logs.elapsed`).
 """
 
 from __future__ import annotations
@@ -11,18 +11,19 @@ import numpy as np
 from logs.elapsed import elapsed_between
 
 LEAST_SAMPLES = 32
-# A loss lasts this share of a period at least, this many standard deviations of d, and the speed goes on over it, to within a share. Over
-# a gap that the stamps show, the speed may have been any. Chosen on the real UR5e joint, whose losses are of 1 and of some 20 periods; no
-# other real recording and none of 264 logs of an exam (seed 26112931) shows any.
+# A loss lasts at least LEAST periods and DEVIATIONS standard deviations of d, and over it the speed changes by less than the share GOES_ON.
+# Steps of SHOWN periods or more are gaps that the stamps show: the speed in them is unknown. Chosen on the real UR5e joint, which loses 1
+# and about 20 periods; no other real recording and none of 264 logs of an exam (seed 26112931) shows a loss.
 LEAST, DEVIATIONS, GOES_ON, SHOWN = 0.5, 8.0, 0.3, 2.0
-# Stamps that jitter and speeds that lag err to both sides, losses only lengthen: so many of them, and so little time gained beside the lost.
+# Jittering stamps and lagging speeds err both ways, losses only lengthen: there are at least FEWEST of them, and the time gained is at most
+# MOST_GAINED of the time lost.
 FEWEST, MOST_GAINED = 5, 0.1
 
 
 def lost_time(t: np.ndarray, q: np.ndarray, dq: np.ndarray) -> np.ndarray:
-    """(N - 1,) s that passed between samples beyond the difference of their stamps t (N,); zero everywhere where no loss is certain.
+    """(N - 1,) s that passed between samples beyond the difference of their stamps t (N,); all zero unless a loss is certain.
 
-    q (N, n) rad, dq (N, n) rad/s; a joint without speeds that are the derivative of its positions decides nothing.
+    q (N, n) rad, dq (N, n) rad/s. Joints whose speed is not the derivative of their position do not count.
     """
     steps = np.diff(t)
     nothing = np.zeros(max(len(t) - 1, 0))
@@ -41,8 +42,10 @@ def lost_time(t: np.ndarray, q: np.ndarray, dq: np.ndarray) -> np.ndarray:
 
 
 def without_jumps(q: np.ndarray, dq: np.ndarray, lost: np.ndarray) -> np.ndarray:
-    """q (N, n) rad without what the speed covers in the time lost (N - 1,) s: over the stamps its derivative is the speed; q itself where
-    none was lost."""
+    """q (N, n) rad minus what the speed covers in the time lost (N - 1,) s; q itself where none was lost.
+
+    Its derivative over the stamps is the speed.
+    """
     if not lost.any():
         return q
     covered = np.nan_to_num(0.5 * (dq[1:] + dq[:-1])) * lost[:, None]
@@ -50,10 +53,10 @@ def without_jumps(q: np.ndarray, dq: np.ndarray, lost: np.ndarray) -> np.ndarray
 
 
 def finding(lost: np.ndarray) -> str:
-    """What time lost (N - 1,) s says of a recording; empty where none was."""
+    """Sentence about the time lost (N - 1,) s; empty where none was."""
     if not lost.any():
         return ""
     return (
-        f"in {int((lost > 0).sum())} places the position goes on as if {lost.sum():.3g} s more had passed in all, at most {lost.max():.3g} s: "
-        "the recorder lost samples and counted on"
+        f"in {int((lost > 0).sum())} places the position moves on as if {lost.sum():.3g} s more had passed in all, at most {lost.max():.3g} s in one: "
+        "the recorder lost samples and kept counting"
     )

@@ -1,4 +1,4 @@
-"""What the chunks of an MCAP file unpack to, within bounds: a small file cannot ask for all the memory."""
+"""Unpack the chunks of an MCAP file within bounds: a small file cannot ask for all the memory."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from logs.mcap_records import MAX_RECORD, Fields, RecordError, unpacked
 
 MAX_TOTAL = 4 << 30
 MAX_RATIO = 200
-RATIO_FREE = 64 << 20  # a standing arm compresses well: the ratio counts from here on
+RATIO_FREE = 64 << 20  # bytes; the ratio counts above these only: an arm at rest compresses well
 _CHUNK = struct.Struct("<QQQI")
 
 
@@ -45,7 +45,7 @@ class Chunks:
             if len(records) != size:
                 raise RecordError(f"unpacks to {'more' if len(records) > size else 'less'} than the declared {size} bytes")
             if crc and zlib.crc32(records) != crc:
-                raise RecordError("the check sum of the content is wrong")
+                raise RecordError("the checksum of the content is wrong")
             return records
         except (RecordError, zstandard.ZstdError, RuntimeError, EOFError) as error:
             fault = str(error)

@@ -1,4 +1,4 @@
-"""What messages of an MCAP file are defined by: schemas, channels, metadata and attachments, each once, and not too many."""
+"""Schemas, channels, metadata and attachments of an MCAP file: bounded, and no schema or channel is redefined."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ MAX_ATTACHED = 128 << 20
 
 @dataclass
 class Definitions:
-    """Channels, metadata and, where a dictionary is given, attachments of a file, as its records define them; damage is reported."""
+    """Channels, metadata and, where a dictionary is given, attachments, as the records define them; damage is reported."""
 
     damage: Damage
     channels: dict[int, Channel]
@@ -27,17 +27,20 @@ class Definitions:
     _schemas: dict[int, tuple[str, str, str]] = field(default_factory=dict)
 
     def take(self, data: bytes, ops: np.ndarray, starts: np.ndarray, where: str, repeated: bool = False) -> None:
-        """The schemas and channels among the records that begin at `starts` of a chunk or a summary; anything else there is reported."""
+        """Take the schemas and channels among the records at `starts` of a chunk or a summary; report other standard records."""
         for k in np.flatnonzero(ops != Opcode.MESSAGE).tolist():
             op, start = int(ops[k]), int(starts[k])
             if op in (Opcode.SCHEMA, Opcode.CHANNEL):
                 content = data[start + HEAD.size : start + HEAD.size + HEAD.unpack_from(data, start)[1]]
                 self.take_one(op, content, f"{where}, byte {start} in it", repeated)
             elif op < SEAL:
-                self.damage.report(f"{where}, byte {start} in it", f"a record with opcode {op:#x} cannot stand in a chunk")
+                self.damage.report(f"{where}, byte {start} in it", f"a record with opcode {op:#x} is not allowed in a chunk")
 
     def take_one(self, op: int, content: bytes, where: str, repeated: bool = False) -> None:
-        """Take a schema, channel or metadata record; a summary may repeat channels without their schemas, which then stand before."""
+        """Take a schema, channel, metadata or attachment record.
+
+        A summary (`repeated`) may repeat channels without their schemas; those channels are skipped.
+        """
         fields = Fields(content)
         try:
             if op == Opcode.SCHEMA:
@@ -51,7 +54,7 @@ class Definitions:
                 if schema and schema not in self._schemas:
                     if repeated:
                         return
-                    raise RecordError(f"channel {number} ({topic}) names schema {schema}, which does not stand before it")
+                    raise RecordError(f"channel {number} ({topic}) names schema {schema}, which is not defined before it")
                 name, kind, text = self._schemas.get(schema, ("", "", ""))
                 self._once(self.channels, number, Channel(topic, encoding, name, kind, text, fields.map()), "channel")
             elif op == Opcode.METADATA:
@@ -69,7 +72,7 @@ class Definitions:
         data = fields.bytes(fields.number(8))
         crc = zlib.crc32(memoryview(fields.data)[: fields.at])
         if (stated := fields.number(4)) and stated != crc:
-            raise RecordError(f"the check sum of the attachment {name!r:.80} is wrong")
+            raise RecordError(f"the checksum of the attachment {name!r:.80} is wrong")
         if sum(len(a.data) for a in kept.values()) + len(data) > MAX_ATTACHED or len(kept) >= MAX_DEFINITIONS:
             raise RecordError(f"more than {MAX_ATTACHED} bytes or {MAX_DEFINITIONS} of attachments")
         kept[name] = Attachment(create_time=created, log_time=log, name=name, media_type=media, data=data)

@@ -1,4 +1,4 @@
-"""MCAP files with ROS 2 joint messages as a Log: our own recordings, and rosbag2 files with other topics in them."""
+"""MCAP files with ROS 2 joint messages as a Log: our own recordings, and rosbag2 files that hold other topics too."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ FIELDS = {"sensor_msgs/msg/JointState": 3, "calib_msgs/msg/JointDiagnostics": 2}
 
 @dataclass(frozen=True)
 class Scanned:
-    """What one pass over a recording gives: messages by topic, events, metadata records, and how the recording ended."""
+    """Result of one pass over a recording: messages by topic, events, metadata records, and how the recording ended."""
 
     topics: dict[str, JointTopic]
     events: list[tuple[int, int, str, str]]
@@ -37,7 +37,7 @@ class Scanned:
 
 
 def read_mcap(paths: list[Path], joint_names: tuple[str, ...] | None, damage: Damage) -> Log:
-    """One log of the joint messages in `paths` (the parts of a split recording, in order)."""
+    """Return one log of the joint messages in `paths` (the parts of a split recording, in order)."""
     scan = scanned(paths, joint_names, damage)
     return assembled(scan.topics, scan.events, scan.metadata, scan.state, joint_names, damage)
 
@@ -45,13 +45,13 @@ def read_mcap(paths: list[Path], joint_names: tuple[str, ...] | None, damage: Da
 def scanned(
     paths: list[Path], joint_names: tuple[str, ...] | None, damage: Damage, after: Callable[[dict[str, JointTopic]], None] | None = None
 ) -> Scanned:  # fmt: skip
-    """All messages of `paths`; `after` is called with the topics after each batch, and may take from them what memory is not to keep."""
+    """Read all messages of `paths`; `after` gets the topics after each batch, and may take out what need not stay in memory."""
     topics: dict[str, JointTopic] = {}
     events: list[tuple[int, int, str, str]] = []
     metadata: dict[str, dict[str, str]] = {}
     ended, unsealed, killed = True, 0, None
     for path in paths:
-        dead = killed_now(path)  # checked before the reading: what is written meanwhile is no dead program's
+        dead = killed_now(path)  # checked before reading: whatever writes meanwhile is alive
         try:
             with path.open("rb") as file:
                 stream = McapStream(file, path.stat().st_size, damage)
@@ -80,14 +80,14 @@ def scanned(
 
 
 def check_count(recording: dict[str, str], found: int, damage: Damage) -> None:
-    """A finished recording says how many samples it holds; `found` of them are there."""
+    """Report a finished recording that states another number of samples than `found`."""
     stated = recording.get("samples")
     if stated is not None and stated != str(found):
         damage.report("metadata record 'recording'", f"the recording says {stated} samples, {found} survive")
 
 
 def killed_now(path: Path) -> bool:
-    """Whether the program that wrote the journal at `path` is gone; False where that cannot be known."""
+    """Whether the program that wrote the journal at `path` is gone; False where this is unknown."""
     try:
         return is_recording(path) is False
     except OSError:
@@ -97,9 +97,10 @@ def killed_now(path: Path) -> bool:
 def recording_state(
     metadata: dict[str, dict[str, str]], ended: bool, killed: bool | None, damage: Damage, held: str = ""
 ) -> State:  # fmt: skip
-    """How the recording ended; anything but a clean end or a kill is refused unless a partial file is accepted.
+    """Return how the recording ended; anything but a clean end or a kill is refused unless a partial file is accepted.
 
-    killed: for a journal, whether its program is gone; None for a finished file. held: what such a journal holds, as a sentence.
+    killed: for a journal, whether its program is gone; None for a finished file. held: sentence about the content of such a
+    journal.
     """
     recording, failure = metadata.get(RECORDING, {}), metadata.get(FAILURE, {}).get("reason", "")
     if killed is None:
@@ -160,15 +161,15 @@ def _take_events(
 
 
 def check_schema(channel: Channel, kind: str, damage: Damage) -> None:
-    """The fields must be those of the type that is read here: a name alone does not say how bytes are laid out."""
+    """Refuse a topic whose encoding or fields are not those of its type: the name does not determine the layout of the bytes."""
     if channel.encoding != "cdr" or channel.schema_encoding != "ros2msg":
         raise damage.refuse(
             f"topic {channel.topic}", f"encoding {channel.encoding!r} with schema {channel.schema_encoding!r}",
-            "joint messages in CDR with a ros2msg schema are read here",
+            "only joint messages in CDR with a ros2msg schema are read",
         )  # fmt: skip
     if _fields(channel.definition) != _fields(SCHEMAS[kind]):
         raise damage.refuse(
-            f"topic {channel.topic}", f"its schema {channel.schema} has other fields than ROS 2's own",
+            f"topic {channel.topic}", f"its schema {channel.schema} has fields other than ROS 2's own",
             f"convert it to {'; '.join(_fields(SCHEMAS[kind]))}",
         )  # fmt: skip
 

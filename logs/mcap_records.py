@@ -1,4 +1,4 @@
-"""The records of an MCAP file (mcap.dev/spec): where they start, their fields, what a chunk unpacks to; all within bounds."""
+"""Records of an MCAP file (mcap.dev/spec): where they start, their fields, what a chunk unpacks to; all within bounds."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ SEAL = 0x80  # private record that closes one sample of a journal: a tag, and th
 SEAL_TAG = b"ACJ1"
 MAX_RECORD = 64 << 20
 CONTENT_LEAST = 4
-# after so many records it is tried whether they go on as before: so many repetitions at first, twice as many each time that they do
+# after LEAP_AFTER records, test whether they repeat with a period of up to LEAP_PERIOD; LEAP_LEAST times at first, doubled after success
 LEAP_AFTER, LEAP_LEAST, LEAP_PERIOD = 32, 128, 8
 
 HEAD = struct.Struct("<BQ")
@@ -29,7 +29,7 @@ MESSAGE = np.dtype(
 
 
 class RecordError(ValueError):
-    """A record whose content is not what its opcode says."""
+    """A record whose content does not match its opcode."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,7 +60,7 @@ class Batch:
 
     @cached_property
     def counts(self) -> dict[int, int]:
-        """Messages of each channel that has any, by its number."""
+        """Number of messages by channel, for channels that have any."""
         counts = np.bincount(self.heads["channel"])
         return {number: int(counts[number]) for number in np.flatnonzero(counts).tolist()}
 
@@ -97,20 +97,20 @@ class Fields:
         while inner.at < len(inner.data):
             key = inner.text()
             if key in out:
-                raise RecordError(f"the key {key!r} stands twice")
+                raise RecordError(f"the key {key!r} occurs twice")
             out[key] = inner.text()
         return out
 
 
 def is_journal(path: Path) -> bool:
-    """Whether the file is a recording of ours that was never finished."""
+    """Whether the file is one of our recordings that was never finished."""
     with path.open("rb") as file:
         head = file.read(256)
     return head.startswith(MAGIC) and header_library(head[len(MAGIC) :]) == JOURNAL
 
 
 def header_library(data: bytes) -> str | None:
-    """The library that a header record at the start of `data` names."""
+    """The library named in a header record at the start of `data`; None without such a record."""
     if len(data) < HEAD.size or data[0] != Opcode.HEADER:
         return None
     fields = Fields(data[HEAD.size : HEAD.size + HEAD.unpack_from(data)[1]])
@@ -124,7 +124,7 @@ def header_library(data: bytes) -> str | None:
 def walk(data: bytes) -> tuple[np.ndarray, np.ndarray, int]:
     """Opcodes and starts of the complete records in `data`, and where they end.
 
-    What cannot be a record ends them too: opcode 0, or a content shorter than any record of the specification has.
+    Bytes that cannot be a record end them too: opcode 0, or content shorter than that of any record in the specification.
     """
     ops, starts = array("B"), array("q")
     at, end, unpack = 0, len(data), HEAD.unpack_from
@@ -145,7 +145,10 @@ def walk(data: bytes) -> tuple[np.ndarray, np.ndarray, int]:
 
 
 def _leap(data: bytes, ops: array[int], starts: array[int], at: int, most: int) -> tuple[int, int]:
-    """Where the last records repeat those before them, up to `most` further repetitions at once: how many, and where they end."""
+    """Skip up to `most` repetitions of the last records at once; return how many there are, and where they end.
+
+    `ops` and `starts` are extended by the records skipped.
+    """
     lengths = np.diff([*starts[-2 * LEAP_PERIOD :], at])
     kinds = np.frombuffer(ops[-2 * LEAP_PERIOD :], dtype=np.uint8)
     for period in range(1, LEAP_PERIOD + 1):
@@ -169,7 +172,7 @@ def _leap(data: bytes, ops: array[int], starts: array[int], at: int, most: int) 
 
 
 def unpacked(compression: str, packed: bytes, size: int) -> bytes:
-    """At most size + 1 bytes of content: the size that a chunk states is not trusted."""
+    """Decompress at most size + 1 bytes, as the declared size is not trusted; uncompressed content is returned as it is."""
     if compression == "zstd":
         with zstandard.ZstdDecompressor(max_window_size=MAX_RECORD).stream_reader(packed) as reader:
             return reader.read(size + 1)

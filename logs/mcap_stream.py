@@ -1,8 +1,8 @@
 """An MCAP file as batches of messages: every length, size and CRC checked, memory and time bounded (mcap.dev/spec).
 
-The `mcap` library's readers do not check lengths inside records, do not bound what a chunk decompresses to, and make one Python
-object for each message; this reader finds where the messages of a whole chunk start, for NumPy to read them at once.
-Damage is refused or, where a partial file is accepted, left out and reported (`logs.damage`).
+The readers of the `mcap` library do not check lengths inside records, do not bound what a chunk decompresses to, and make one
+Python object for each message. This reader finds where the messages of a whole chunk start, so that NumPy can read them at
+once. Damage is refused or, where a partial file is accepted, left out and reported (`logs.damage`).
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ _SEAL = (8).to_bytes(8, "little") + SEAL_TAG
 
 @dataclass
 class McapStream:
-    """Messages, channels and metadata of an open MCAP file; `ended` is known after the last batch: whether its end was there."""
+    """Messages, channels and metadata of an open MCAP file; after the last batch, `ended` states whether its end was there."""
 
     file: BinaryIO
     size: int
@@ -50,7 +50,7 @@ class McapStream:
     channels: dict[int, Channel] = field(default_factory=dict)
     metadata: dict[str, dict[str, str]] = field(default_factory=dict)
     counts: dict[int, int] = field(default_factory=dict)
-    attachments: dict[str, Attachment] | None = None  # give a dictionary to have them kept
+    attachments: dict[str, Attachment] | None = None  # pass a dictionary to keep them
     journal: bool = False
     ended: bool = False
     unsealed: int = 0
@@ -98,7 +98,7 @@ class McapStream:
             at, want = at + used, WINDOW
 
     def _take_summary(self) -> None:
-        """Schemas and channels that the end of the file repeats: a damaged chunk must not take the others' definitions with it."""
+        """Take schemas and channels from the end of the file: those of a damaged chunk may be needed by others."""
         if self.size < len(MAGIC) + FOOTER:
             return
         self.file.seek(self.size - FOOTER)
@@ -116,11 +116,11 @@ class McapStream:
                 self._definitions.take(summary, ops[keep], starts[keep], f"byte {start}", repeated=True)
 
     def _oversize(self, data: bytes, at: int) -> int | None:
-        """What to do where no complete record fits the window: None stop, > 0 skip bytes, < 0 read that many."""
+        """Decide what to do where no complete record fits the window: None stop, > 0 skip bytes, < 0 read that many."""
         if len(data) >= HEAD.size:
             op, length = HEAD.unpack_from(data)
             if op == 0 or (length < CONTENT_LEAST and op < SEAL):
-                self.damage.report(f"byte {at}", f"no MCAP record stands here (opcode {op}, {length} bytes)")
+                self.damage.report(f"byte {at}", f"no MCAP record here (opcode {op}, {length} bytes)")
                 return None
             end = at + HEAD.size + length
             if end <= self.size:
@@ -137,14 +137,14 @@ class McapStream:
         return None
 
     def _sealed(self, data: bytes, ops: np.ndarray, starts: np.ndarray, at: int) -> int:
-        """Check the CRC of every sealed sample of a journal; the end of the last sound one (0 where there is none)."""
+        """Check the CRC of every sealed sample of a journal; return the end of the last sound one, 0 where there is none."""
         seals = [seal for seal in starts[ops == SEAL].tolist() if data[seal + 1 : seal + 13] == _SEAL]
         self.journal |= bool(seals) or (at == len(MAGIC) and header_library(data) == JOURNAL)
         begin = 0
         for seal in seals:
             crc = int.from_bytes(data[seal + 13 : seal + 17], "little")
             if zlib.crc32(memoryview(data)[begin:seal]) != crc:
-                self.damage.report(f"byte {at + begin}", f"the check sum of the sample before byte {at + seal} is wrong")
+                self.damage.report(f"byte {at + begin}", f"the checksum of the sample before byte {at + seal} is wrong")
                 self.size = at + begin
                 return begin
             begin = seal + 17
@@ -152,7 +152,7 @@ class McapStream:
         return begin
 
     def _block(self, data: bytes, ops: np.ndarray, starts: np.ndarray, at: int) -> Iterator[Batch]:
-        """The batches of complete top-level records that stand at byte `at` of the file."""
+        """Yield the batches of the complete top-level records at byte `at` of the file."""
         where = f"byte {at}"
         special = (ops != Opcode.MESSAGE) & (ops != Opcode.MESSAGE_INDEX) & (ops != SEAL)
         begin = 0
@@ -168,7 +168,7 @@ class McapStream:
                     inner_ops, inner_starts, used = walk(records)
                     if used != len(records):
                         self.damage.report(
-                            f"chunk at {place}", f"no whole record stands at byte {used} of the {len(records)} in it"
+                            f"chunk at {place}", f"no complete record at byte {used} of the {len(records)} in it"
                         )
                     self._definitions.take(records, inner_ops, inner_starts, f"chunk at {place}")
                     yield from self._batch(records, inner_ops, inner_starts, f"chunk at {place}")
@@ -204,11 +204,11 @@ class McapStream:
         yield batch
 
     def _end(self, at: int, content: bytes) -> None:
-        """Data section ended: its CRC, the summary's CRC, the count of messages, footer and closing magic."""
+        """Check the end of the data section: its CRC and that of the summary, the message count, footer and closing magic."""
         where = f"byte {at}"
         crc = int.from_bytes(content[:4], "little")
         if crc and crc != self._crc:
-            self.damage.report(where, "the check sum of the data section is wrong")
+            self.damage.report(where, "the checksum of the data section is wrong")
         summary_at = at + HEAD.size + len(content)
         self.file.seek(summary_at)
         if self.size - summary_at > MAX_RECORD:
@@ -217,13 +217,13 @@ class McapStream:
         tail = self.file.read(self.size - summary_at)
         ops, starts, used = walk(tail)
         if len(ops) == 0 or ops[-1] != Opcode.FOOTER or tail[used:] != MAGIC:
-            self.damage.report(f"byte {summary_at}", "the file is cut: footer and closing magic do not stand at its end")
+            self.damage.report(f"byte {summary_at}", "the file is cut: footer and closing magic are not at its end")
             return
         self.ended = True
         footer = int(starts[-1])
         declared = int.from_bytes(tail[footer + 25 : footer + 29], "little")
         if declared and zlib.crc32(tail[: footer + 25]) != declared:
-            self.damage.report(f"byte {summary_at}", "the check sum of the summary is wrong")
+            self.damage.report(f"byte {summary_at}", "the checksum of the summary is wrong")
         for start in starts[ops == Opcode.STATISTICS].tolist():
             count = int.from_bytes(tail[start + HEAD.size : start + HEAD.size + 8], "little")
             if count != self._messages:

@@ -1,6 +1,6 @@
 """A recording of any length as pieces of about two minutes, cut at fixed instants of its own clock.
 
-What is computed piece by piece needs the memory of one piece, and comes out the same however many pieces are taken at once.
+Computing piece by piece needs the memory of one piece. The result does not depend on how many pieces are taken at once.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ from logs.spool import Spool, spool
 
 PIECE_SECONDS = 120.0
 LATTICE_SECONDS = 10.0
-PIECE_SAMPLES = 500  # at least: seconds of which there are fewer samples are no seconds
+PIECE_SAMPLES = 500  # at least: with fewer samples in PIECE_SECONDS, the unit of t is not s
 IN_MEMORY_BYTES = 32 << 20  # a file up to this size is read at once
 
 
 class Pieces(Sequence[Log]):
     """Consecutive pieces of recordings that share no sample; each is read when it is needed.
 
-    seconds: how long each is. Findings about a whole recording stand with its first piece.
+    seconds: duration of each. Findings about a whole recording are those of its first piece.
     """
 
     def __init__(self, *sources: Log | Spool) -> None:
@@ -66,12 +66,12 @@ class Pieces(Sequence[Log]):
 
     @property
     def findings(self) -> tuple[str, ...]:
-        """What the reader noticed, of every recording."""
+        """What the reader noticed, for every recording."""
         return tuple(finding for source, lo, _ in self._bounds if lo == 0 for finding in source.findings)
 
     @property
     def metadata(self) -> dict[str, str]:
-        """What the first recording says of itself; empty where there is none."""
+        """Metadata of the first recording; empty where there is none."""
         return self._bounds[0][0].metadata if self._bounds else {}
 
     def __len__(self) -> int:
@@ -100,10 +100,10 @@ class Pieces(Sequence[Log]):
 def open_pieces(
     path: Path, joint_names: Sequence[str], folder: Path, accept_partial: bool = False, change: Callable[[Log], Log] | None = None
 ) -> Pieces:  # fmt: skip
-    """The pieces of the recording at `path`, joints in this order; a large MCAP file is unpacked into `folder` first.
+    """Return the pieces of the recording at `path`, joints in this order; a large MCAP file is first unpacked into `folder`.
 
-    Its samples are those that `read_log` gives; the host clock of a large file is not compared. `change` reads the whole recording
-    another way, and all of it is then held in memory. BadLog as `read_log` raises it.
+    The samples are those that `read_log` returns; the host clock of a large file is not compared. `change` returns another
+    reading of the whole recording, which is then held in memory. BadLog as from `read_log`.
     """
     if path.is_file():
         recovered(path)

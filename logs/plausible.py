@@ -1,6 +1,7 @@
-"""Which samples are damage: not finite, beyond what any arm gives in any unit, or a jump that stands out of the recording's own speeds.
+"""Damaged samples: not finite, beyond what any arm gives in any unit, or a jump far above the recording's own speeds.
 
-What is of another unit throughout is not damaged: whose readings these are, the gate asks (calib.gate).
+A recording that is entirely in another unit is not damaged. Whether the readings are of this arm is for the gate to decide
+(calib.gate).
 """
 
 from __future__ import annotations
@@ -12,14 +13,14 @@ import numpy as np
 VALUE_MAX = {"q": 1e5, "dq": 2e4, "tau": 1e7, "current": 1e6, "temperature": 1e3}
 UNIT = {"q": "rad", "dq": "rad/s", "tau": "N m", "current": "A", "temperature": "degC"}
 STEP_SPEED_MAX = 100.0  # rad/s: several times what the fastest servo joint reaches
-STEP_SPEED_WILD = 1e5  # rad/s: not even in degrees behind a gear
+STEP_SPEED_WILD = 1e5  # rad/s: out of reach even in degrees on the motor side of a gear
 STEP_RATIO, STEP_QUANTILE, STEP_ROWS = (
     5.0,
     0.9,
     50,
-)  # times the speed that a tenth of the steps exceeds, where so many steps show it
-STEP_SLACK = 0.01  # rad, of a reading's own noise
-ROWS = 1 << 16  # looked at together: an hour's arrays are never held twice
+)  # times the speed that a tenth of the steps exceeds; needs more than STEP_ROWS samples
+STEP_SLACK = 0.01  # rad, noise of a reading
+ROWS = 1 << 16  # processed together: an hour's arrays are never held twice
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +35,10 @@ class Fault:
 
 
 def first_fault(t: np.ndarray, channels: dict[str, np.ndarray]) -> Fault | None:
-    """The earliest sample that breaks a rule, or None: q is finite, nothing is infinite, |x| <= VALUE_MAX, no impossible step."""
+    """The earliest sample that breaks a rule, or None.
+
+    Rules: q is finite, nothing is infinite, |x| <= VALUE_MAX, no impossible step.
+    """
     faults = [f for f in (_first(name, values) for name, values in channels.items() if values.strides[0]) if f is not None]
     step = _first_step(t, channels["q"])
     if step is not None:
@@ -43,7 +47,7 @@ def first_fault(t: np.ndarray, channels: dict[str, np.ndarray]) -> Fault | None:
 
 
 def bad_samples(t: np.ndarray, channels: dict[str, np.ndarray]) -> np.ndarray:
-    """(N,) bool: samples that break a rule; after a jump it is the samples off the majority's level that are bad."""
+    """(N,) bool: samples that break a rule. After a jump, the samples off the majority's level are bad."""
     bad = np.zeros(len(t), dtype=bool)
     for name, values in channels.items():
         if values.strides[0]:
@@ -75,7 +79,7 @@ def _first(name: str, values: np.ndarray) -> Fault | None:
 
 
 def _step_speed(t: np.ndarray, q: np.ndarray) -> np.ndarray:
-    """(n,) rad/s that no step may exceed: STEP_SPEED_MAX, or what the recording's own steps make likely in another unit."""
+    """(n,) rad/s that no step may exceed: STEP_SPEED_MAX, or more where the recording's own steps suggest another unit."""
     least = np.full(q.shape[1], STEP_SPEED_MAX)
     if len(q) <= STEP_ROWS:
         return least
@@ -87,7 +91,10 @@ def _step_speed(t: np.ndarray, q: np.ndarray) -> np.ndarray:
 
 
 def _usual_step(t: np.ndarray) -> float:
-    """s, the median step: the stamps of a late host come in bursts, and the time between two of a burst says nothing of the motion."""
+    """Median step of t, s; 0 where there is none.
+
+    Stamps of a late host come in bursts, and the time between two of a burst does not reflect the motion.
+    """
     steps = np.diff(t)
     usual = float(np.median(steps)) if len(steps) else 0.0
     return usual if np.isfinite(usual) and usual > 0 else 0.0
@@ -115,7 +122,7 @@ def _first_step(t: np.ndarray, q: np.ndarray) -> Fault | None:
 
 
 def _off_level(t: np.ndarray, q: np.ndarray) -> np.ndarray:
-    """(N,) bool: samples outside the longest chain of pieces, where a piece holds no impossible step."""
+    """(N,) bool: samples of pieces out of reach of the longest one; a piece holds no impossible step."""
     cuts = np.flatnonzero(_steps(t, q).any(axis=1)) + 1
     off = np.zeros(len(t), dtype=bool)
     if not len(cuts):

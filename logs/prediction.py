@@ -44,11 +44,13 @@ def write_prediction(
     path: Path, stamps: np.ndarray, joint_names: Sequence[str], q: np.ndarray, dq: np.ndarray, tau: np.ndarray, tau_hat: np.ndarray,
     urdf: str, frames: Sequence[tuple[str, str]], poses: np.ndarray,
 ) -> None:  # fmt: skip
-    """Write the new file `path`: /joint_states as measured, /prediction/joint_states with tau_hat as effort, /prediction/missing with
-    tau - tau_hat, and, where there is a `urdf`, /robot_description and /tf.
+    """Write the new file `path` with measured, predicted and missing torque and, where there is a `urdf`, the moving arm.
 
-    stamps (N,) ns since 1970; q dq tau tau_hat (N, n) rad, rad/s, N m; frames (F) pairs (parent, child) and poses (N, F, 7): position m
-    and quaternion x y z w of the child in the parent.
+    /joint_states as measured, /prediction/joint_states with tau_hat as effort, /prediction/missing with tau - tau_hat; with a
+    `urdf`, also /robot_description and /tf (at TF_RATE).
+
+    stamps (N,) ns since 1970; q dq tau tau_hat (N, n) rad, rad/s, N m; frames (F) pairs (parent, child) and poses (N, F, 7):
+    position m and quaternion x y z w of the child in the parent.
     """
     encoder = JointEncoder(joint_names, frames[0][0] if frames else "")
     nothing = np.full(len(joint_names), np.nan)
@@ -86,7 +88,7 @@ def write_prediction(
 
 
 class TransformEncoder:
-    """Bodies of `tf2_msgs/msg/TFMessage` for one set of frames: constant bytes with stamps and numbers put in (CDR, little endian)."""
+    """Bodies of `tf2_msgs/msg/TFMessage` for one set of frames: constant bytes, stamps and numbers (CDR, little endian)."""
 
     def __init__(self, frames: Sequence[tuple[str, str]]) -> None:
         out = bytearray(struct.pack("<I", len(frames)))

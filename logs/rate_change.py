@@ -1,4 +1,4 @@
-"""A recording whose rate changed once, such as one that a slower task of the controller went on with."""
+"""Recordings whose rate changed once, for example where a slower task of the controller continued them."""
 
 from __future__ import annotations
 
@@ -6,20 +6,21 @@ from dataclasses import dataclass
 
 import numpy as np
 
-# On either side nearly all steps are of that side's period, and the periods differ clearly; samples lost here and there leave one period.
+# Each side has at least LEAST_STEPS steps, SHARE of them within WITHIN of its period, and the periods differ by a factor of CLEAR. Scattered
+# losses leave one period.
 LEAST_STEPS, SHARE, WITHIN, CLEAR = 100, 0.95, 0.1, 1.5
 
 
 @dataclass(frozen=True)
 class RateChange:
-    """periods (K,) s: what a step between samples is where none is missing; and a sentence."""
+    """periods (K,) s: steps between samples where none is missing; sentence: what changed."""
 
     periods: np.ndarray
     sentence: str
 
 
 def change_of_rate(t: np.ndarray) -> RateChange | None:
-    """The one change of rate in instants t (N,) s that increase; None where there is none, or more than one."""
+    """The only change of rate in increasing times t (N,) s; None where there is none, or more than one."""
     steps = np.diff(t)
     if len(steps) < 2 * LEAST_STEPS:
         return None

@@ -1,4 +1,4 @@
-"""Any supported recording as a Log: what a file is, is recognised by its content, not by its name."""
+"""Read any supported recording as a Log; its format is recognised by content, not by name."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ PARTS = ("*.mcap", "*.db3*", "metadata.yaml")  # of a recording in a folder
 
 
 def is_log(word: str) -> bool:
-    """Whether `word` names a recording, which need not be there, and not an arm or a cell: a file of its suffix, or a folder that holds one.
+    """Whether `word` names a recording, and not an arm or a cell: a file with its suffix, or a folder that holds one.
 
-    A folder with an arm.toml is an arm, whatever was recorded into it.
+    The file need not exist. A folder with an arm.toml is an arm, whatever was recorded into it.
     """
     if os.path.isdir(word):  # as Path.is_dir, but False for a name that no file can have
         folder = Path(word)
@@ -35,11 +35,11 @@ def is_log(word: str) -> bool:
 
 
 def read_log(path: str | Path, joint_names: Sequence[str] | None = None, *, accept_partial: bool = False) -> Log:
-    """The recording at `path`: our MCAP, a ROS 2 bag (MCAP or SQLite, file or folder), a ROS 1 bag, or a ur_rtde CSV file.
+    """Return the recording at `path`: our MCAP, a ROS 2 bag (MCAP or SQLite, file or folder), a ROS 1 bag, or ur_rtde CSV.
 
     Joints are matched by name: `joint_names` asks for these joints in this order; without it the order is the recording's.
-    BadLog for damage, an end that was not clean, time that runs backwards, and values that no arm has; with `accept_partial`
-    the damaged parts are left out and `Log.findings` states what is missing.
+    BadLog for damage, an end that was neither clean nor a kill, time that runs backwards, and values that no arm has. With
+    `accept_partial` the damaged parts are left out and `Log.findings` states what is missing.
     """
     path = Path(path)
     damage = Damage(path, accept_partial)

@@ -29,11 +29,11 @@ _STATES, _COMMANDS, _DIAGNOSTICS, _EVENTS, _DESCRIPTION = range(1, len(TOPICS) +
 
 
 class Recorder(Recording):
-    """Every sample is on its way to the disk when `write` returns; a failure to write is raised and never forgotten.
+    """Every sample is on its way to the disk when `write` returns; a failed write is raised, then and by every later call.
 
     A recording is a journal (state open) at `path` until `close("completed")` turns it into a finished file of the same name
-    (state clean). Any other end reason, or leaving the context by an exception, makes it state aborted. `write` may raise
-    DeviceError (disk full, pulled, read-only): the motion must then stop, and the file is never reported as complete.
+    (state clean). Any other end reason, or an exception in its context, makes it state aborted. `write` may raise DeviceError
+    (disk full, unplugged, read-only): the motion must then stop, and the file is never reported as complete.
     """
 
     def __init__(
@@ -47,7 +47,7 @@ class Recorder(Recording):
         disk: Disk | None = None,
         wall_clock: Callable[[], int] = time.time_ns,
     ) -> None:
-        """`about` travels with the samples; `reserve` bytes of disk are set aside first; `wall_clock` (ns) is read once here and once at the end."""
+        """`about` is attached; `reserve` bytes of disk are reserved first; `wall_clock` (ns) is read here and at the end."""
         self.path = Path(path)
         self.joint_names = tuple(joint_names)
         if not self.joint_names or len(set(self.joint_names)) != len(self.joint_names):
@@ -72,7 +72,7 @@ class Recorder(Recording):
             FRAME: about.frame,
         }
         first = self._record(_DESCRIPTION, self._wall_start, self._wall_start, text_body(about.urdf)) if about.urdf else b""
-        # all in one write: one seal for the head and one for each message is what a recovery counts on
+        # all in one write: a recovery relies on one seal for the head and one for each message
         self._journal = Journal(self.path, head, reserve, disk, about.attached(self._wall_start), first)
         self._lock = self._journal.lock()
 
@@ -85,10 +85,10 @@ class Recorder(Recording):
         host_start: float | None,
         offset: int | None,
     ) -> Self:
-        """Go on with the journal of a program that is gone; `counts` of messages by topic, `host_start` s
-        the host clock of its first sample, `offset` ns from the device clock to its stamps.
+        """Continue the journal of a program that is gone; ValueError or KeyError where a recorder did not write `metadata`.
 
-        ValueError or KeyError where `metadata` is not what a recorder writes.
+        counts: number of messages by topic. host_start: s, host clock of its first sample. offset: ns from the device clock to
+        the stamps.
         """
         recorder = cls.__new__(cls)
         recorder.path = journal.path
@@ -109,7 +109,7 @@ class Recorder(Recording):
         dq_cmd: np.ndarray | None = None,
         tau_cmd: np.ndarray | None = None,
     ) -> None:
-        """Append one sample and the command (n,) rad, rad/s, N m that was sent with it; one write to the file."""
+        """Append one sample and the command (n,) rad, rad/s, N m that was sent with it, in one write to the file."""
         if state.n != len(self.joint_names):
             raise ValueError(f"a state of {state.n} joints in a recording of {len(self.joint_names)}")
         stamp = self._stamp(state.t_device, state.t)
@@ -138,7 +138,7 @@ class Recorder(Recording):
 
     def event(self, level: int, name: str, message: str, t_device: float) -> None:
         """Append a line to /events at `t_device`, s on the device clock."""
-        # before the first sample there is no instant of the host clock to count from: the start of the recording stands for it
+        # before the first sample there is no host time to count from; the start of the recording is used
         host = self._wall_start if self._host_start is None else self._host_ns(self._host_last)
         stamp = host if self._offset is None else self._wall(self._stamp(t_device, 0.0))
         self._journal.append(self._event(host, stamp, level, name, message))
@@ -153,13 +153,13 @@ class Recorder(Recording):
         self._end("clean" if end_reason == COMPLETED else "aborted", end_reason)
 
     def close_killed(self) -> None:
-        """End the recording of a control program that was killed: state killed, for readers as good as clean."""
+        """End the recording of a control program that was killed: state killed, which readers treat as clean."""
         if not self._closed:
             last = None if self._host_start is None else self._host_ns(self._host_last)
             self._end("killed", killed_sentence(self.samples, last))
 
     def unlock(self) -> None:
-        """Let go of the file; without an end before it, it is one that was cut off."""
+        """Release this recorder's lock; a recording that was not ended counts as one of a killed program."""
         os.close(self._lock)
 
     def _end(self, state: str, reason: str) -> None:
@@ -185,11 +185,11 @@ class Recorder(Recording):
         return not np.isnan(state.current).all() or (changed and not np.isnan(state.temperature).all())
 
     def _host_ns(self, t_host: float) -> int:
-        """The host clock as wall time at the start plus what has passed since, ns."""
+        """Host clock as wall time, ns: the wall clock at the start plus the time since the first sample."""
         return self._wall_start + round((t_host - (self._host_start or 0.0)) * 1e9)
 
     def _stamp(self, t_device: float, t_host: float) -> int:
-        """The device clock as it is, ns; DeviceError for instants that cannot be recorded."""
+        """The device clock unchanged, ns; DeviceError for times that cannot be recorded."""
         if not (math.isfinite(t_device) and math.isfinite(t_host) and 0 <= t_device < 2**31):
             raise DeviceError(
                 f"{self.path}: instants {t_device} s (device) and {t_host} s (host) cannot be recorded; the device clock must be "

@@ -1,4 +1,4 @@
-"""A recorder in a process of its own: the control loop hands samples over in microseconds and never waits for the disk."""
+"""A recorder in its own process: the control loop hands samples over in microseconds and never waits for the disk."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ from sim.joint_state import JointState, Status
 
 SLOTS = 8192  # 16 s at 500 Hz: longer than a disk usually stalls
 SAMPLE, EVENT = 1, 2
-INDEX = struct.Struct("<Q")  # before each message in the ring: how many went before it
+INDEX = struct.Struct("<Q")  # before each message in the ring: the number of earlier ones
 START_TIME = 30.0  # s
 CLOSE_TIME = 600.0  # s
-PRIORITY = 1  # of the real-time scheduler while samples come: behind every control loop, before all other programs
-# a control loop's real-time priority is not for loading libraries: given up before that
+PRIORITY = 1  # real-time priority while samples come: below every control loop, above all other programs
+# libraries must not be loaded at the control loop's real-time priority: it is given up first
 PROGRAM = """
 import os, sys
 if hasattr(os, "sched_setscheduler"):
@@ -43,11 +43,11 @@ _STATUSES = tuple(Status)
 
 
 class RecorderProcess(Recording):
-    """The methods of `Recorder`; samples travel over a bounded ring in shared memory.
+    """The methods of `Recorder`; samples pass through a bounded ring in shared memory.
 
-    `write` raises DeviceError, without ever waiting, once the ring is full (the disk is too slow: samples are lost and counted,
-    the recording ends aborted), once the recording process has failed to write, or once it is gone. If this process dies, the
-    recording process writes what the ring still holds and ends the file as killed.
+    `write` never waits. It raises DeviceError once the ring is full (the disk is too slow: samples are lost and counted, the
+    recording ends aborted), once the recording process has failed to write, or once that process is gone. If this process dies,
+    the recording process writes what the ring still holds and ends the file as killed.
     """
 
     def __init__(
@@ -105,7 +105,7 @@ class RecorderProcess(Recording):
         dq_cmd: np.ndarray | None = None,
         tau_cmd: np.ndarray | None = None,
     ) -> None:
-        """Hand over one sample and the command that was sent with it; never waits."""
+        """Hand over one sample and the command that was sent with it; never wait."""
         n = len(self.joint_names)
         if state.n != n:
             raise ValueError(f"a state of {state.n} joints in a recording of {n}")
@@ -161,7 +161,7 @@ class RecorderProcess(Recording):
             return reason
         if self._ring.lost:
             return (
-                f"{self.path}: the disk is slower than the samples come: the ring of {self._ring.slots} is full and "
+                f"{self.path}: the disk cannot keep up with the samples: the ring of {self._ring.slots} is full and "
                 f"{self._ring.lost} are lost; record to a faster disk, or at a lower rate"
             )
         return (
@@ -171,7 +171,7 @@ class RecorderProcess(Recording):
 
 
 def serve(task_text: str) -> None:
-    """The recording process: take from the ring and write, until commanded to end or until the parent is gone."""
+    """The recording process: write what the ring receives, until the recording is ended or the parent is gone."""
     task = json.loads(task_text)
     ring = Ring(task["fd"], task["slots"], task["slot"])
     os.close(task["fd"])
@@ -187,7 +187,7 @@ def serve(task_text: str) -> None:
 
 
 def _prefer(wanted: bool) -> None:
-    """Before other programs or like them, where the system grants that: a computer that is busy must not cost samples."""
+    """Set or give up real-time priority, where the system grants it: a busy computer must not cost samples."""
     with contextlib.suppress(OSError, AttributeError):
         os.sched_setscheduler(0, os.SCHED_FIFO if wanted else os.SCHED_OTHER, os.sched_param(PRIORITY if wanted else 0))
 
@@ -223,7 +223,7 @@ def _record(ring: Ring, recorder: Recorder, task: dict[str, Any]) -> None:
 
 
 def write_message(recorder: Recorder, message: bytes, n: int) -> None:
-    """Hand a message of the ring to the recorder, for `n` joints."""
+    """Pass a message of the ring, for `n` joints, to the recorder."""
     data = message[INDEX.size :]
     if data[0] == EVENT:
         level, name, text, t_device = json.loads(data[1:])

@@ -19,12 +19,12 @@ INFO, WARN, ERROR = 20, 30, 40  # levels of rcl_interfaces/msg/Log
 
 
 def metadata_text(metadata: Mapping[str, Any]) -> dict[str, str]:
-    """What the recording says of itself, as text: text as it is, anything else as JSON."""
+    """Metadata as text: strings unchanged, anything else as JSON."""
     return {key: value if isinstance(value, str) else json.dumps(value, allow_nan=False) for key, value in metadata.items()}
 
 
 class Recording(ABC):
-    """Something that takes samples and events until it is closed; leaving its context by an exception ends it as aborted."""
+    """Takes samples and events until it is closed; an exception in its context ends it as aborted."""
 
     path: Path
     joint_names: tuple[str, ...]
@@ -38,11 +38,11 @@ class Recording(ABC):
         dq_cmd: np.ndarray | None = None,
         tau_cmd: np.ndarray | None = None,
     ) -> None:
-        """One sample and the command (n,) rad, rad/s, N m that was sent with it; DeviceError once recording has failed."""
+        """Add one sample and the command (n,) rad, rad/s, N m that was sent with it; DeviceError once recording has failed."""
 
     @abstractmethod
     def event(self, level: int, name: str, message: str, t_device: float) -> None:
-        """One line of /events at `t_device`, s on the device clock."""
+        """Add one line to /events at `t_device`, s on the device clock."""
 
     @abstractmethod
     def close(self, end_reason: str = COMPLETED) -> None:

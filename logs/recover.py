@@ -1,7 +1,7 @@
-"""A recording whose program was killed becomes a finished one: what the journal holds and, where it is still there, the ring's content.
+"""Finish a recording whose program was killed, from its journal and, where it still exists, the content of the ring.
 
-The journal's lock says whether its program lives. Nothing is touched where that cannot be known, where the journal is damaged, or where
-its folder cannot be written.
+The lock on the journal shows whether its program is alive. Nothing is touched where this is unknown, where the journal is
+damaged, or where its folder is not writable.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ from logs.schemas import FAILURE, RECORDING, STATES, device_offset
 from sim.errors import BadLog, DeviceError
 from sim.file_lock import locked
 
-FOREIGN_AGE = 60.0  # s without a write, after which a recording of another computer, or of before its last start, is dead
+FOREIGN_AGE = 60.0  # s without a write after which a recording of another computer or an earlier boot counts as dead
 GONE = "and what its ring still held, which is gone"
 
 
 @dataclass
 class _Found:
-    """What a journal holds: messages by topic, its seals, where the last one ends, the host clock of its last sample (ns)."""
+    """Content of a journal: messages by topic, its seals, the end of the last one, host clock of its last sample (ns)."""
 
     metadata: dict[str, str] = field(default_factory=dict)
     counts: dict[str, int] = field(default_factory=dict)
@@ -42,14 +42,17 @@ class _Found:
 
 
 def is_recording(path: Path) -> bool | None:
-    """Whether the program that writes this journal lives; None where the file system has no locks."""
+    """Whether the program that writes this journal is alive; None where the file system has no locks."""
     with path.open("rb") as file:
         free = locked(file)
     return None if free is None else not free
 
 
 def recovered(path: Path) -> str | None:
-    """Finish the journal at `path` in its place and say what there is of it; None where it is no journal, or must be left alone."""
+    """Finish the journal at `path` in its place; return how the recording ended and what there is of it.
+
+    None where it is not a journal, or must be left alone.
+    """
     if not is_journal(path):
         return None
     with path.open("rb") as file:
@@ -58,7 +61,7 @@ def recovered(path: Path) -> str | None:
         try:
             found = _read(path)
             if found.metadata.get("boot") != boot() and time.time() - os.fstat(file.fileno()).st_mtime < FOREIGN_AGE:
-                return None  # another computer may be writing it, whose locks are not seen here
+                return None  # another computer may be writing it; its locks are not visible here
             reason = _drain(path, found)
             words = {"end_reason": found.failure or reason, "samples": str(found.counts.get(STATES, 0))}
             finish(
@@ -66,7 +69,7 @@ def recovered(path: Path) -> str | None:
                 "aborted" if found.failure else "killed",
                 words | ({} if found.last is None else {"wall_clock_end_ns": str(found.last)}),
             )
-        except (BadLog, DeviceError, OSError):  # damage, or a folder that cannot be written: readers say so
+        except (BadLog, DeviceError, OSError):  # damage, or a folder that is not writable: readers report it
             path.with_name(path.name + ".part").unlink(missing_ok=True)
             return None
         forget(found.metadata.get("ring", ""))
@@ -74,7 +77,7 @@ def recovered(path: Path) -> str | None:
 
 
 def describe(path: Path) -> str:
-    """One sentence about how the recording at `path` ended."""
+    """Sentence about how the recording at `path` ended."""
     try:
         if is_journal(path) and is_recording(path):
             return "is being recorded"
@@ -82,7 +85,7 @@ def describe(path: Path) -> str:
     except BadLog as error:
         return str(error)
     if not is_journal(path):
-        return found.metadata.get("end_reason", "says nothing of its end")
+        return found.metadata.get("end_reason", "does not state how it ended")
     return found.failure or killed_sentence(found.counts.get(STATES, 0), found.last)
 
 
@@ -107,7 +110,7 @@ def _read(path: Path) -> _Found:
 
 
 def _drain(path: Path, found: _Found) -> str:
-    """Append what the ring still holds to the journal; the sentence that says what there is then."""
+    """Append what the ring still holds to the journal; return the sentence about the result."""
     from logs.recorder import Recorder
     from logs.recorder_process import INDEX, write_message
 
@@ -127,13 +130,13 @@ def _drain(path: Path, found: _Found) -> str:
         )
         n = len(recorder.joint_names)
         while (message := ring.look()) is not None:
-            if INDEX.unpack_from(message)[0] >= found.seals - 1:  # one seal a message, and one for the head
+            if INDEX.unpack_from(message)[0] >= found.seals - 1:  # one seal per message, and one for the head
                 write_message(recorder, message, n)
             ring.let_go()
         recorder.unlock()
     except (ValueError, KeyError, IndexError, TypeError) as error:
         raise BadLog(
-            f"{path}: what its ring holds is not of this recording ({error}); read it with --accept-partial"
+            f"{path}: the content of its ring is not of this recording ({error}); read it with --accept-partial"
         ) from error
     finally:
         journal.close()

@@ -1,7 +1,7 @@
-"""A bounded ring of messages in shared memory: one process puts, another looks and lets go, neither ever waits for the other.
+"""A bounded ring of messages in shared memory: one process puts, another looks and lets go, and neither waits for the other.
 
-Each slot carries its number and a check sum, so that a taker never accepts a slot that is not wholly written, whatever order the
-processor makes stores visible in.
+Each slot carries its number and a checksum. So a partly written slot is never accepted, whatever the order in which the
+processor makes stores visible.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ import zlib
 from pathlib import Path
 
 _COUNTER = struct.Struct("<Q")
-_SLOT = struct.Struct("<QIII")  # number, bytes of this slot, slots that follow for the same message, check sum
+_SLOT = struct.Struct("<QIII")  # number, bytes of this slot, slots that follow for the same message, checksum
 _HEADER = 8192
-_HEAD, _TAIL, _LOST = 0, 64, 128  # counters on cache lines of their own
-_SLOTS = 192  # place of what the ring was made with: number of slots and bytes of one
+_HEAD, _TAIL, _LOST = 0, 64, 128  # each counter on its own cache line
+_SLOTS = 192  # place of the number of slots and of their size in bytes
 _WORDS = {"ready": 1024, "failure": 2048, "host": 3200, "end": 4096}  # places of short texts, each set once
 _WORD_MAX = 1000
 _FOLDER = Path("/dev/shm")
@@ -27,9 +27,9 @@ _NAME = re.compile(r"arm-calib-[0-9a-f]{32}", re.ASCII)
 
 
 def shared_memory(size: int) -> tuple[int, str]:
-    """A descriptor of `size` bytes of memory, and its name: under that name they outlive both processes, until the next start.
+    """Return a descriptor of `size` bytes of shared memory, and its name; it outlives both processes until the next boot.
 
-    The name is "" where there is no room under one: then they go when the last process that holds them goes.
+    The name is "" where no named memory is available. The memory is then released with the last process that holds it.
     """
     name = f"arm-calib-{secrets.token_hex(16)}"
     try:
@@ -37,7 +37,7 @@ def shared_memory(size: int) -> tuple[int, str]:
     except OSError:
         return _nameless(size), ""
     try:
-        os.posix_fallocate(fd, 0, size)  # running out of room later would be SIGBUS, in the middle of a motion
+        os.posix_fallocate(fd, 0, size)  # running out of room later would be a SIGBUS in the middle of a motion
     except OSError:
         os.close(fd)
         forget(name)
@@ -52,13 +52,16 @@ def _nameless(size: int) -> int:
 
 
 def forget(name: str) -> None:
-    """Give the memory of that name back, where there is such a name."""
+    """Release the memory of that name, if there is any."""
     if _NAME.fullmatch(name):
         (_FOLDER / name).unlink(missing_ok=True)
 
 
 def left_behind(name: str) -> Ring | None:
-    """The ring of that name, which comes from a file and is accepted only where it can be one of this user's; None otherwise."""
+    """Return the ring of that name; None where there is none.
+
+    The name comes from a file: the memory is accepted only where it can be a ring of this user.
+    """
     if not _NAME.fullmatch(name):
         return None
     try:
@@ -78,9 +81,9 @@ def left_behind(name: str) -> Ring | None:
 
 
 class Ring:
-    """`put` returns False and counts a loss where the ring is full; `look` returns None where it is empty.
+    """A ring in which `put` returns False and counts a loss when it is full, and `look` returns None when it is empty.
 
-    A message stays in the ring until `let_go`: a taker that is killed in between loses nothing.
+    A message stays in the ring until `let_go`, so a reader that is killed in between loses nothing.
     """
 
     def __init__(self, fd: int, slots: int, slot_size: int) -> None:
@@ -93,12 +96,12 @@ class Ring:
 
     @staticmethod
     def size(slots: int, slot_size: int) -> int:
-        """Size of the shared memory."""
+        """Size of the shared memory, bytes."""
         return _HEADER + slots * slot_size
 
     @property
     def lost(self) -> int:
-        """Messages that found no room."""
+        """Number of messages that found no room."""
         return self._get(_LOST)
 
     def put(self, data: bytes) -> bool:
@@ -117,7 +120,7 @@ class Ring:
         return True
 
     def look(self) -> bytes | None:
-        """The oldest message, which stays."""
+        """Return the oldest message, which stays in the ring."""
         tail, head = self._get(_TAIL), self._get(_HEAD)
         parts = []
         while tail < head:
@@ -134,16 +137,16 @@ class Ring:
         return None
 
     def let_go(self) -> None:
-        """Give up the message that was last looked at."""
+        """Release the message that was last looked at."""
         self._set(_TAIL, self._after)
 
     @property
     def waiting(self) -> int:
-        """Slots that are filled and not let go."""
+        """Number of slots that are filled and not released."""
         return self._get(_HEAD) - self._get(_TAIL)
 
     def set_note(self, place: str, text: str) -> None:
-        """Leave a short text for the other side, under one of the names ready, failure, end; the first one stays."""
+        """Leave a short text for the other side under ready, failure, host or end; the first one stays."""
         if self.note(place) is None:
             raw = text.encode("utf-8", errors="replace")[:_WORD_MAX]
             at = _WORDS[place]
@@ -151,7 +154,7 @@ class Ring:
             self._set(at, len(raw) + 1)
 
     def note(self, place: str) -> str | None:
-        """The text that was left, or None."""
+        """The text left under that name, or None."""
         at = _WORDS[place]
         size = self._get(at)
         return None if not size else self._memory[at + 8 : at + 7 + size].decode("utf-8", errors="replace")
@@ -160,7 +163,7 @@ class Ring:
         return self._words[at // 8]
 
     def _set(self, at: int, value: int) -> None:
-        """One store of eight bytes: struct.pack_into clears them first, and a kill in between would leave a zero."""
+        """Store eight bytes at once: struct.pack_into clears them first, and a kill in between would leave a zero."""
         self._words[at // 8] = value
 
 

@@ -1,4 +1,4 @@
-"""rosbag2 folders: metadata.yaml beside one or more MCAP files (rosbag2_storage_mcap); those in SQLite are read by logs.bags."""
+"""rosbag2 folders: metadata.yaml beside one or more MCAP files (rosbag2_storage_mcap); logs.bags reads those in SQLite."""
 
 from __future__ import annotations
 

@@ -1,10 +1,14 @@
-"""When were the samples of a recording really taken? Found from the position against the speed, not from the stamps alone.
+"""When were the samples of a recording really taken? Found from position against speed, not from the stamps alone.
 
-Between two samples the position moves by dq (t1 - t0), whatever the stamps say: with n joints in motion, `d` = sum w dq Dq / sum w dq^2 is
-the time that really passed, w the inverse variance of each joint's Dq - dq d. Where d and the difference of the stamps disagree by more than
-the readings allow, the stamps carry jitter; where the position stands although the arm moves, a sample was sent twice; where d is a
-multiple of the period, samples were lost. Nothing is repaired silently: `findings` says what was found and what was done, every bridged
-value is marked, and its standard deviation is measured by bridging samples that were not lost.
+Between two samples the position moves by dq (t1 - t0), whatever the stamps say. With n joints in motion, d = sum w dq Dq / sum
+w dq^2 is the time that really passed, w the inverse variance of each joint's Dq - dq d.
+
+- d differs from the stamps by more than the readings allow: the stamps jitter.
+- The position stands still although the arm moves: a sample was sent twice.
+- d is a multiple of the period: samples were lost.
+
+Nothing is repaired silently: `findings` states what was found and what was done. Every bridged value is marked, and its
+standard deviation is measured by bridging samples that were not lost.
 """
 
 from __future__ import annotations
@@ -25,9 +29,9 @@ from logs.sampling_clock import rebuilt_clock
 from logs.sampling_findings import MATTERS, of_jitter, of_missing, of_speed, repeats
 
 LEAST_SAMPLES = 32
-REACH = 5  # samples before and after, over which a joint must move through for an unchanged position to be a repeated sample
-COUNTS = 3.0  # encoder steps a sample: below, an unchanged position is no wonder
-FAST_SHARE = 0.15  # of a period: time is taken from samples whose motion resolves it this well
+REACH = 5  # samples before and after, over which a joint must keep moving for an unchanged position to be a repeat
+COUNTS = 3.0  # encoder steps per sample: below, an unchanged position is to be expected
+FAST_SHARE = 0.15  # of a period: samples whose motion resolves time better than this are informative
 MOST_BRIDGED = 8  # samples in a row
 GAP_STEPS, GAP_STEPS_REGULAR = 2.5, 1.5
 STEADY_SHARE, STEADY_WITHIN = 0.95, 0.1
@@ -35,21 +39,22 @@ STEADY_SHARE, STEADY_WITHIN = 0.95, 0.1
 
 @dataclass(frozen=True)
 class Sampling:
-    """M samples at the instants at which they were taken, and what the stamps and the samples were like.
+    """M samples at the times at which they were taken, and the properties of stamps and samples.
 
     t           (M,) s, increasing
-    source      (M,) row of the recording, -1 for a sample that was bridged
-    channels    name -> (M, n); as recorded but for what `bridged` marks
+    source      (M,) row of the recording, -1 for a bridged sample
+    channels    name -> (M, n); as recorded except where `bridged`
     bridged     name -> (M,) bool, values that were not measured
     std         name -> (M, n) standard deviation of the bridged values, 0 where measured
-    period      s, between samples: the device's where its clock was rebuilt, else the median of the stamps' steps
-    jitter      s, standard deviation of the stamps about the instants; NaN where the motion does not show it
-    jitter_seen s, the least that this motion and resolution would have shown
-    rebuilt     whether `t` is another than the stamps; `left` s is then what remains between d and the steps of t
-    repeated, missing   samples sent twice (left out), and samples lost; as counted
-    dq_scale    (n,) dq over the derivative of q, NaN where a joint does not move; 1 but for a wrong unit, sign or clock
+    period      s, between samples: the device's where its clock was rebuilt, else the median step of the stamps
+    jitter      s, standard deviation of the stamps about the sample times; NaN where the motion does not show it
+    jitter_seen s, the smallest jitter that this motion and resolution would have shown
+    rebuilt     whether `t` differs from the stamps
+    left        s, robust standard deviation of d about the steps of the clock; NaN where the motion does not show it
+    repeated, missing   number of samples sent twice (left out), and of samples lost
+    dq_scale    (n,) dq over the derivative of q, NaN where a joint does not move; 1 unless unit, sign or clock is wrong
     findings    sentences
-    losses      those of them that say of lost samples and of the rate, which no reader finds by itself
+    losses      those of them about lost samples and the rate that no reader finds by itself
     """
 
     t: np.ndarray
@@ -73,10 +78,10 @@ def examine(
     t: np.ndarray, q: np.ndarray, dq: np.ndarray | None = None, others: Mapping[str, np.ndarray] | None = None,
     *, bridging: bool = True,
 ) -> Sampling:  # fmt: skip
-    """The sampling of stamps t (N,) s, which must not decrease, positions q (N, n) rad, speeds dq (N, n) rad/s and other channels (N, n).
+    """Examine stamps t (N,) s, which must not decrease, positions q (N, n) rad, speeds dq (N, n) rad/s, other channels (N, n).
 
-    Without `bridging` no value is added: samples sent twice are left out, and the clock is rebuilt where it can be. ValueError where the
-    shapes differ, t decreases or q is not finite.
+    Without `bridging` no value is added: samples sent twice are left out, and the clock is rebuilt where possible. ValueError
+    where the shapes differ, t decreases, or t or q is not finite.
     """
     others = dict(others or {})
     nothing = np.full(q.shape, np.nan)
@@ -120,7 +125,7 @@ def examine(
         findings.append(of_jitter(jitter, seen, rebuilt, left, period, tf, clock, bool(forward.any())))
     else:
         findings.append(
-            "jitter of the stamps cannot be determined: no dq that is the derivative of q, or no motion that is fast for its resolution"
+            "jitter of the stamps cannot be determined: dq is not the derivative of q, or no motion is fast enough for its resolution"
         )
     findings += of_speed(scale)
     unseen = finding(lost_time(clock, qf, vf))
@@ -131,7 +136,7 @@ def examine(
     missing = int(count.sum())
     of_rate, of_losses = [changed.sentence] if changed else [], [of_missing(count)] if missing else []
     findings += of_rate + of_losses
-    losses = of_rate + (of_losses if (count == 1).any() else [])  # no reader calls two periods a gap
+    losses = of_rate + (of_losses if (count == 1).any() else [])  # a reader reports no step of two periods as a gap
     findings += [f"gaps of up to {MOST_BRIDGED} samples are bridged and marked"] if missing and bridging else []
     keep = np.sort(np.concatenate([fresh, np.flatnonzero(stale & first)]))
     at = np.interp(t[keep], tf, clock) if len(keep) > len(fresh) else clock
@@ -164,7 +169,7 @@ def examine(
     if (source < 0).any() or stale.any():
         findings.append(
             f"{int(grid.bridged['q'].sum())} positions were bridged, with a standard deviation of at most {worst['q']:.2g} rad, "
-            "measured by bridging samples that were there"
+            "measured by bridging samples that were not lost"
         )
     return Sampling(
         grid.t, source, grid.channels, grid.bridged, grid.std, period, jitter, seen, rebuilt, left, int((held & ~stale).sum()), missing, scale,
@@ -195,7 +200,7 @@ def _as_recorded(t: np.ndarray, channels: dict[str, np.ndarray], findings: tuple
 
 
 def _held(q: np.ndarray) -> np.ndarray:
-    """(N,) bool: no joint's position changed although one of them moves through, several encoder steps a sample on both sides."""
+    """(N,) bool: no position changed although a joint keeps moving, several encoder steps per sample on both sides."""
     change = np.diff(q, axis=0)
     size = np.abs(change)
     resolution = np.array([np.quantile(x[x > 0], 0.01) if (x > 0).any() else np.inf for x in size.T])
@@ -207,7 +212,7 @@ def _held(q: np.ndarray) -> np.ndarray:
 
 
 def _same(others: Mapping[str, np.ndarray]) -> np.ndarray:
-    """(N,) bool: no other channel changed either (readings that are not there do not change)."""
+    """(N,) bool: no other channel changed either; missing readings count as unchanged."""
     same: np.ndarray = np.array(True)
     for x in others.values():
         equal = (np.diff(x, axis=0) == 0) | np.isnan(x[1:])
@@ -216,7 +221,10 @@ def _same(others: Mapping[str, np.ndarray]) -> np.ndarray:
 
 
 def _missing(steps: np.ndarray, period: float | np.ndarray, rebuilt: bool, informative: np.ndarray) -> np.ndarray:
-    """(K,) samples lost between neighbours: half a period more is a lost one where the clock is even, else it takes a longer gap."""
+    """(K,) samples lost between neighbours, from steps above GAP_STEPS periods.
+
+    GAP_STEPS_REGULAR is enough where the clock is even; on a rebuilt clock, for informative steps only.
+    """
     of = steps / period
     even = rebuilt or np.mean(np.abs(of - np.rint(of)) < STEADY_WITHIN) > STEADY_SHARE
     lost = of > np.where(informative | (not rebuilt), GAP_STEPS_REGULAR if even else GAP_STEPS, GAP_STEPS)
@@ -224,7 +232,7 @@ def _missing(steps: np.ndarray, period: float | np.ndarray, rebuilt: bool, infor
 
 
 def _counts_between(at: np.ndarray, clock: np.ndarray, count: np.ndarray) -> np.ndarray:
-    """The counts of lost samples, moved to the steps of `at`, of which `clock` is a part; none where a stale sample stands between."""
+    """Counts of lost samples, moved to the steps of `at`, which includes the times `clock`; 0 where a stale sample is between."""
     if len(at) == len(clock):
         return count
     out = np.zeros(len(at) - 1, dtype=int)

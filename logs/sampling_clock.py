@@ -1,12 +1,12 @@
-"""The clock by which samples were taken, rebuilt from stamps that jitter and from the time that the motion says has passed.
+"""The clock by which samples were taken, rebuilt from jittering stamps and from the elapsed time that the motion shows.
 
-A device samples at whole multiples of its period: t_k = a + T n_k with increasing whole n_k. The n_k are those of least cost
+A device samples at whole multiples of its period: t_k = a + T n_k with increasing whole n_k. The n_k minimise
 
     sum ((h_k - a - T n_k) / s_h)^2 + sum ((d_k - T (n_k - n_k-1)) / s_k)^2 + a small price for every lost sample,
 
-h the stamps, d the time that q and dq say has passed, both costs bounded so that an outlier counts once; found exactly by dynamic
-programming (Viterbi) over n_k - round((h_k - h_0) / T) (A. J. Viterbi 1967, doi:10.1109/TIT.1967.1054010). Where the samples do not lie
-on such a clock, the t_k are the least squares of the first two sums without the restriction to whole periods.
+with h the stamps and d the elapsed time by q and dq. Both costs are bounded, so that an outlier counts once. The minimum over
+n_k - round((h_k - h_0) / T) is exact, by dynamic programming (A. J. Viterbi 1967, doi:10.1109/TIT.1967.1054010). Where the
+samples do not lie on such a clock, the t_k are the least squares of the first two sums, not restricted to whole periods.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ from scipy.linalg import solveh_banded
 
 from logs.elapsed import LEAST_INFORMATIVE
 
-LEAST_COHERENCE = 0.6  # mean of cos(2 pi d / T): 1 on a lattice, 0 for any other steps
+LEAST_COHERENCE = 0.6  # mean of cos(2 pi d / T): 1 on a lattice, 0 for arbitrary steps
 LEAST_AGREEING = 0.9
 OFFSETS = 10  # periods by which a stamp may be off
-# Usual steps: over a longer one the mean of two speeds is not the speed. Chosen on the real Panda with 0.05 to 1 s of it taken out: by 0.3 s
-# the period is wrong.
+# Usual steps: over a longer one the mean of two speeds is not the speed. Chosen on the real Panda with 0.05 to 1 s removed: at 0.3 s the
+# period is wrong.
 LONGEST = 10
 BOUND_STAMP, BOUND_MOTION, PRICE = 9.0, 1000.0, 2.0
-# a host's delay wanders: stamps near one another err together, and many of them get no more weight than a few
+# a host's delay wanders: neighbouring stamps err together, so that many of them weigh no more than a few
 TOGETHER = 5.0
 SIGMA_LEAST = 0.05  # of a period: motion is never more accurate
 BLOCKS = 400
@@ -35,16 +35,16 @@ BLOCKS = 400
 
 @dataclass(frozen=True)
 class DeviceClock:
-    """Instants (N,) s, and the period of the device, s."""
+    """Times (N,) s, and the period of the device, s."""
 
     t: np.ndarray
     period: float
 
 
 def rebuilt_clock(stamps: np.ndarray, elapsed: np.ndarray, error: np.ndarray, jitter: float) -> DeviceClock | None:
-    """Instants of N samples from their stamps (N,), the time between them (N - 1,) and its standard deviation, infinite where unknown.
+    """Times of N samples from stamps (N,), the time between them (N - 1,) and its standard deviation, infinite where unknown.
 
-    None where neither model agrees with the motion, or an instant would lie OFFSETS periods from its stamp.
+    None where the motion shows too little, neither model agrees with it, or a time is over OFFSETS periods from its stamp.
     """
     steps = np.diff(stamps)
     known = np.isfinite(error)
@@ -55,7 +55,7 @@ def rebuilt_clock(stamps: np.ndarray, elapsed: np.ndarray, error: np.ndarray, ji
     known &= ~pause
     if known.sum() < LEAST_INFORMATIVE:
         return None
-    # the speed reading may be a little off in scale: over the whole recording it is the stamps that are right
+    # the scale of dq may be slightly off; over the whole recording the stamps are right
     elapsed = elapsed * (steps[known].sum() / elapsed[known].sum())
     period = _period(elapsed[known])
     clock = None if period is None else _on_lattice(stamps, elapsed, error, jitter, period)
@@ -111,7 +111,10 @@ def _line(n: np.ndarray, h: np.ndarray) -> tuple[float, float]:
 
 @njit(cache=True)
 def _path(phase: np.ndarray, near: np.ndarray, elapsed: np.ndarray, sigma: np.ndarray, spread: float) -> np.ndarray:
-    """The offsets of least cost: phase (N,) and spread of stamps, near (N-1,) differences of their rounded numbers, all in periods."""
+    """Offsets of least cost, in periods like all arguments.
+
+    phase (N,) and spread of the stamps; near (N - 1,) differences of their rounded numbers; elapsed and sigma (N - 1,).
+    """
     count, width = len(phase), 2 * OFFSETS + 1
     cost = np.empty(width)
     back = np.zeros((count, width), dtype=np.int8)
@@ -143,7 +146,10 @@ def _path(phase: np.ndarray, near: np.ndarray, elapsed: np.ndarray, sigma: np.nd
 
 
 def _smoothed(stamps: np.ndarray, elapsed: np.ndarray, error: np.ndarray, jitter: float) -> DeviceClock | None:
-    """Least squares of stamps and steps; a stamp beyond three deviations counts less (Huber)."""
+    """Least squares of stamps and steps; a stamp beyond three deviations counts less (Huber).
+
+    None where the times would not increase.
+    """
     known = np.isfinite(error)
     step = np.where(known, elapsed, np.diff(stamps))
     w = np.where(known, 1 / np.where(known, error, 1.0) ** 2, 1 / (4 * jitter) ** 2)

@@ -1,4 +1,4 @@
-"""What was found in the sampling of a recording, in sentences."""
+"""Findings about the sampling of a recording, as sentences."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import numpy as np
 from logs.elapsed import TRUST
 from logs.timing import shared_stamps
 
-MATTERS = 0.03  # of a period: less jitter than this is left alone
+MATTERS = 0.03  # of a period: less jitter than this is ignored
 
 
 def repeats(held: np.ndarray, stale: np.ndarray, first: np.ndarray, n: int) -> list[str]:
@@ -19,7 +19,7 @@ def repeats(held: np.ndarray, stale: np.ndarray, first: np.ndarray, n: int) -> l
         )
     if stale.any():
         out.append(
-            f"in {int(stale.sum())} of {n} samples the position is that of the sample before while other channels are new"
+            f"in {int(stale.sum())} of {n} samples the position repeats that of the sample before while other channels are new"
         )
     if not first.all():
         count = int((~first).sum())
@@ -49,13 +49,13 @@ def of_jitter(
             f"{1e3 * left:.2g} ms remain between q and dq"
         )
     if jitter > 2 * seen and jitter > MATTERS * period:
-        return f"{sentence}; the clock could not be rebuilt from these readings, and the stamps stand as they are"
+        return f"{sentence}; the clock could not be rebuilt from these readings, and the stamps are kept as they are"
     agree = f"the stamps agree with q and dq within {1e3 * left:.2g} ms, {left / period:.1%} of a period"
-    return f"{agree}{' but where the clock was set' if set_forward else ''}; the readings resolve {1e3 * seen:.2g} ms"
+    return f"{agree}{' except where the clock was set' if set_forward else ''}; the readings resolve {1e3 * seen:.2g} ms"
 
 
 def of_missing(count: np.ndarray) -> str:
-    """(K,) samples lost between neighbours, of which there are some."""
+    """Sentence about the samples lost between neighbours (K,); there are some."""
     missing, places = int(count.sum()), int((count > 0).sum())
     return f"{missing} sample{'s are' if missing > 1 else ' is'} missing in {places} place{'s' * (places > 1)}, at most {count.max()} in a row"
 
@@ -65,4 +65,4 @@ def of_speed(scale: np.ndarray) -> list[str]:
     if not len(odd):
         return []
     values = ", ".join(f"{scale[j]:.3g} (joint {j + 1})" for j in odd)
-    return [f"dq is not the derivative of q, but this much times it: {values}; it was not used there"]
+    return [f"dq is not the derivative of q but a multiple of it: {values}; it was not used there"]

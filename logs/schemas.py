@@ -1,4 +1,4 @@
-"""Topics and ROS 2 message definitions of a recording (ros2msg encoding), as ROS 2's own packages define them."""
+"""Topics and ROS 2 message definitions of a recording (ros2msg encoding), as in ROS 2's own packages."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ COMMANDS = "/joint_commands"
 DIAGNOSTICS = "/joint_diagnostics"
 DESCRIPTION = "/robot_description"
 EVENTS = "/events"
-FRAME = "base_frame"  # in the record `recording`: the link that the joints stand on, the frame_id of the messages
-RECORDING = "recording"  # metadata record with what the recording says of itself
+FRAME = "base_frame"  # in the record `recording`: the link that carries the first joint, frame_id of the messages
+RECORDING = "recording"  # metadata record about the recording itself
 FAILURE = "failure"  # metadata record of a recording that could not be written to its end
 DEVICE_CLOCK = "device_clock"  # metadata record: what was added to the device clock to make the stamps wall time
 NO_HOST_CLOCK = {"host_clock": "none"}  # in that record: log times repeat the device clock
@@ -72,6 +72,6 @@ UNITS = {
 
 
 def device_offset(metadata: dict[str, dict[str, str]]) -> int | None:
-    """ns from the device clock to the stamps, where the recording says so; None for stamps that are the device clock."""
+    """ns from the device clock to the stamps, where the recording states it; None for stamps that are the device clock."""
     text = metadata.get(DEVICE_CLOCK, {}).get("offset_ns", "")
     return int(text) if re.fullmatch(r"-?[0-9]{1,19}", text, re.ASCII) else None

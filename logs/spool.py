@@ -1,6 +1,6 @@
-"""A long MCAP recording unpacked into plain arrays on disk: any stretch of it can then be read, and none needs the others' memory.
+"""A long MCAP recording unpacked into plain arrays on disk: any stretch can then be read without the memory of the rest.
 
-It is read by the rules of a short one (logs.assembly), over arrays that lie on disk: what is refused, left out or put in order is the same.
+The rules of a short recording apply (logs.assembly), over arrays on disk: what is refused, left out or reordered is the same.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ COUNTS = ("stamp", "host", "sequence")
 
 @dataclass
 class Spool:
-    """N samples on disk: instants (N,) s from `origin` ns on the device clock, and rows of each of CHANNELS that was recorded, float64."""
+    """N samples on disk: times (N,) s from `origin` (ns, device clock), and rows of each recorded channel in CHANNELS, float64."""
 
     path: Path
     folder: Path
@@ -47,7 +47,7 @@ class Spool:
         return np.memmap(self.folder / "t", np.float64, "r")
 
     def log(self, lo: int, hi: int) -> Log:
-        """Samples lo to hi; NaN for what was not recorded, and for the host clock."""
+        """Samples lo to hi - 1; NaN for what was not recorded, and for the host clock."""
         q, dq, tau, current, temperature, q_cmd, dq_cmd, tau_cmd = (self._read(name, lo, hi) for name in CHANNELS)
         return Log(
             self.joint_names, t=np.array(self.t[lo:hi]), t_host=np.full(hi - lo, np.nan), q=q, dq=dq, tau=tau, current=current,
@@ -65,8 +65,8 @@ class Spool:
 def spool(path: Path, joint_names: tuple[str, ...], folder: Path, accept_partial: bool = False) -> Spool:
     """Unpack all readings and commands of an MCAP file, or of the parts of a rosbag2 folder, into `folder`.
 
-    The samples, and BadLog, are those of `logs.read_log`; DeviceError where `folder` cannot be written. Memory grows by some tens of bytes a
-    sample: instants and orders are looked at as a whole, values never.
+    Samples and BadLog are those of `logs.read_log`; DeviceError where `folder` cannot be written. Memory grows by some tens of
+    bytes per sample: times and orders are held as a whole, values never.
     """
     with _writing(folder):
         return _spooled(path, joint_names, folder, Damage(path, accept_partial))
@@ -74,7 +74,7 @@ def spool(path: Path, joint_names: tuple[str, ...], folder: Path, accept_partial
 
 @contextmanager
 def _writing(folder: Path) -> Iterator[None]:
-    """What the disk of the folder refuses, as DeviceError: the recording is not to blame."""
+    """Raise what the disk of the folder refuses as DeviceError: the recording is not at fault."""
     try:
         yield
     except OSError as error:
@@ -133,7 +133,10 @@ def _spooled(path: Path, joint_names: tuple[str, ...], folder: Path, damage: Dam
 
 
 class _Stored:
-    """The messages of one topic on disk as they came: stamps, host times and sequence numbers, int64, and fields as rows of n float64."""
+    """Messages of one topic on disk, in the order they came.
+
+    Stamps, host times and sequence numbers are int64, fields are rows of n float64.
+    """
 
     def __init__(self, folder: Path, fields: int, n: int, files: ExitStack) -> None:
         folder.mkdir(exist_ok=True)
@@ -143,7 +146,7 @@ class _Stored:
         self._given = [False] * fields
 
     def add(self, topic: JointTopic) -> None:
-        """Take over what the topic holds."""
+        """Move to disk what the topic holds."""
         count = sum(map(len, topic.stamp))
         for name in COUNTS:
             self._files[name].write(np.concatenate(getattr(topic, name)).data)
@@ -169,7 +172,7 @@ class _Stored:
         return np.memmap(self.folder / str(k), np.float64, "r", shape=(self.count, self.n))
 
     def remove(self) -> None:
-        """Take the files off the disk."""
+        """Delete the files."""
         for file in self.folder.iterdir():
             file.unlink()
         self.folder.rmdir()
@@ -178,7 +181,7 @@ class _Stored:
 def _on_samples(
     stored: _Stored, topic: JointTopic, clock: str, stamp: np.ndarray, t: np.ndarray, damage: Damage, between: tuple[int, ...]
 ) -> list[np.ndarray]:
-    """The fields of a topic, whose instants are its `clock`, on the samples, (N, n) on disk, as `logs.align.held` puts them there."""
+    """Fields of a topic, with `clock` as its times, on the samples, (N, n) on disk, as `logs.align.held` puts them there."""
     own, parts = np.array(stored.counts(clock)), [stored.field(k) for k in range(stored.fields)]
     if len(own) == len(stamp) and np.array_equal(own, stamp):
         return parts
@@ -199,7 +202,7 @@ def _on_samples(
 
 
 def _rearranged(file: Path, values: np.ndarray, rows: np.ndarray | None) -> np.ndarray:
-    """These rows of the values, on disk."""
+    """These rows of the values, on disk; all where None is given."""
     if rows is None or not values.strides[0]:
         return values if rows is None else values[: len(rows)]
     _write(file, values, rows)
@@ -207,7 +210,7 @@ def _rearranged(file: Path, values: np.ndarray, rows: np.ndarray | None) -> np.n
 
 
 def _write(file: Path, values: np.ndarray, rows: np.ndarray | None) -> None:
-    """These rows of the values into a file, all where None is given; no file where nothing was reported."""
+    """Write these rows of the values to a file, all where None is given; no file where nothing was reported."""
     file.unlink(missing_ok=True)
     if not values.strides[0]:
         return

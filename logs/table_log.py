@@ -1,4 +1,4 @@
-"""The recording in a table, as its column map reads it."""
+"""The recording in a table, read by its column map."""
 
 from __future__ import annotations
 
@@ -18,7 +18,11 @@ from sim.resources import nearest
 
 
 def log_of_table(table: Table, columns: ColumnMap, path: Path, damage: Damage) -> Log:
-    """The recording in a table; BadLog names row, column, value and rule of the first bad value, or states what was left out."""
+    """Return the recording in a table.
+
+    BadLog names row, column, value and rule of the first bad value; where a partial file is accepted, findings state what was
+    left out.
+    """
     rows = np.ones(len(table), dtype=bool)
     for name, value in columns.where.items():
         rows &= _column(table, name, damage) == value
@@ -79,7 +83,7 @@ def _column(table: Table, name: str, damage: Damage, instants: bool = False) -> 
 def _instants(
     table: Table, columns: ColumnMap, rows: np.ndarray, damage: Damage
 ) -> tuple[np.ndarray, int, np.ndarray]:  # fmt: skip
-    """Seconds from the first row's, the first in ns, and which rows have a time."""
+    """Seconds from the first row with a time, that time in ns, and which rows have a time."""
     if columns.time is None:
         return np.arange(int(rows.sum())) / float(columns.rate or 1), 0, np.ones(int(rows.sum()), dtype=bool)
     raw = _column(table, columns.time, damage, instants=True)[rows]
@@ -92,7 +96,7 @@ def _instants(
     first = float(raw[there][0])
     if not abs(first * scale) < 9e9:
         raise damage.refuse(
-            f"column {columns.time!r}", f"{first:g} {columns.time_unit} is no instant", "check its unit in the map"
+            f"column {columns.time!r}", f"{first:g} {columns.time_unit} is not a valid time", "check its unit in the map"
         )
     return (raw - first) * scale, round(first * scale * 1e9), there
 
@@ -100,7 +104,7 @@ def _instants(
 def _sound(
     t: np.ndarray, measured: dict[str, np.ndarray], stamped: np.ndarray, place: np.ndarray, columns: ColumnMap, damage: Damage
 ) -> np.ndarray:
-    """(N,) rows whose values an arm can have; the first that it cannot is reported."""
+    """(N,) bool: rows whose values an arm can have; the first bad value is reported."""
     missing = np.flatnonzero(~stamped)
     if len(missing):
         damage.report(f"row {place[missing[0]]}", f"{len(missing)} rows have no time")
@@ -123,13 +127,11 @@ def _sound(
 
 
 def _unwrap(q: np.ndarray, period: float, damage: Damage) -> None:
-    """Positions whose reading starts again after `period` rad, continued in place."""
+    """Continue positions that wrap after `period` rad, in place."""
     for j in range(q.shape[1]):
         known = np.flatnonzero(np.isfinite(q[:, j]))
         turns = np.cumsum(-np.rint(np.diff(q[known, j]) / period))
         if np.any(turns != 0):
             q[known[1:], j] += period * turns
             count = int(np.count_nonzero(np.diff(turns, prepend=0.0)))
-            damage.note(
-                f"the position of joint {j + 1} started again {count} times after {period:.6g} rad; whole turns were added"
-            )
+            damage.note(f"the position of joint {j + 1} wrapped {count} times after {period:.6g} rad; whole turns were added")

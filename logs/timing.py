@@ -1,4 +1,4 @@
-"""What the stamps of a recording say: order, counters that wrapped around, duplicates, gaps and rate of the samples."""
+"""What the stamps of a recording show: order, counters that wrapped around, duplicates, gaps, too coarse a resolution."""
 
 from __future__ import annotations
 
@@ -17,31 +17,35 @@ WRAP_PERIODS = tuple(2.0**bits * tick for bits in (16, 31, 32) for tick in (1e-9
 
 
 def coarse(t: np.ndarray, *readings: np.ndarray) -> str:
-    """Why the stamps t (N,) s do not tell the samples apart, each of `readings` (N, n): most carry that of the sample before; else ""."""
+    """Why the stamps t (N,) s do not distinguish the samples, each of `readings` (N, n); "" where they do.
+
+    They do not where most samples carry the stamp of the sample before with a new reading.
+    """
     same = np.diff(t) == 0
     with np.errstate(invalid="ignore"):
         new = np.any([(np.abs(np.diff(x, axis=0)) > 0).any(axis=1) for x in readings], axis=0)
     if 2 * np.count_nonzero(same & new) <= len(same):
         return ""
     return (
-        f"{np.count_nonzero(same)} of {len(t)} samples carry the stamp of the sample before beside other readings: the stamps are coarser than "
+        f"{np.count_nonzero(same)} of {len(t)} samples carry the stamp of the sample before, most with new readings: the stamps are coarser than "
         "the samples"
     )
 
 
 def finer(metadata: Mapping[str, str]) -> str:
-    """What to do about coarse stamps, by what a log says of itself: only a table may be read without its time."""
+    """Remedy for coarse stamps, by a log's metadata: only a table may be read without its time."""
     if COLUMN_MAP in metadata:
-        return "give stamps that tell the samples apart, or the rate of even samples: `calib import --rate HZ`"
-    return "record it again with stamps that tell the samples apart"
+        return "give stamps that distinguish the samples, or the rate of even samples: `calib import --rate HZ`"
+    return "record it again with stamps that distinguish the samples"
 
 
 def checked_times(
     t: np.ndarray, t_host: np.ndarray, damage: Damage, motion: tuple[np.ndarray, np.ndarray] | None = None
 ) -> tuple[np.ndarray, ClockFit | None]:
-    """The instants t (N,) s with counters' wrap-arounds undone, and the fit of the clocks where there is a host clock.
+    """Return the times t (N,) s with wrap-arounds of counters undone, and the fit of the clocks where there is a host clock.
 
-    motion: q and dq (N, n), from which a gap of the stamps is known as a clock that was set. BadLog where time runs backwards otherwise; sentences about wrap-arounds, duplicates, gaps, skew and jumps.
+    motion: q and dq (N, n), which show whether a gap in the stamps is a clock that was set. BadLog where time runs backwards
+    otherwise. Wrap-arounds, duplicates, gaps, skew and jumps are noted as findings.
     """
     if len(t) < 2:
         return t, None
@@ -79,7 +83,7 @@ def checked_times(
 
 
 def shared_stamps(count: int) -> str:
-    """The beginning of a sentence about samples at one instant."""
+    """Beginning of a sentence about samples that share a stamp."""
     return (
         f"{count} samples carry the stamp of the sample before"
         if count > 1
@@ -88,7 +92,7 @@ def shared_stamps(count: int) -> str:
 
 
 def unwrapped(t: np.ndarray, damage: Damage) -> np.ndarray:
-    """t with whole counter periods added back, if every step back is one period of a known counter less about one sample."""
+    """t with whole counter periods added, if every step back is the period of a known counter less about one sample."""
     steps = np.diff(t)
     back = np.flatnonzero(steps < 0)
     forward = steps[steps > 0]

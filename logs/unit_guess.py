@@ -1,4 +1,4 @@
-"""A first guess at the unit of a column, from its name and its numbers."""
+"""First guess at the unit of a column, from its name and its numbers."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ TURNS = (2 * math.pi, 25.0)  # rad: a full turn; the range of many CAN drives' p
 SAME_SPEED = 0.15  # share by which a speed may be off the derivative of the position
 MOVES = 0.02  # rad/s in the median
 FOLLOWS = 0.9  # correlation of a position with the integral of its speed; 0.98 and more in benchmarks/real_sets.py, wrapped ones left out
-TURNING_SPEED = 100.0  # rad/s: beyond it a step of the position is no motion
+TURNING_SPEED = 100.0  # rad/s: a faster step of the position is not motion
 
 
 def unit_of(table: Table, channel: str, columns: tuple[str, ...], doubts: list[str]) -> str:
-    """The unit that the names state, else the one that the size of the numbers makes likely."""
+    """The unit that the names state, else the one that the size of the numbers suggests."""
     stated = {stated_unit(channel, name) for name in columns if name} - {""}
     unit = next((unit for unit in reversed(UNITS[channel]) if unit in stated), "")
     if len(stated) > 1:
@@ -45,13 +45,13 @@ def unit_of(table: Table, channel: str, columns: tuple[str, ...], doubts: list[s
 
 
 def time_unit(table: Table, name: str, doubts: list[str]) -> str:
-    """The unit of a column of times that its name states, else the one that its steps make likely."""
+    """The unit that the name of a column of times states, else the one that its steps suggest."""
     unit = stated_unit("time", name)
     if unit:
         return unit
     x = table.columns[name]
     step = float(np.median(np.diff(x[np.isfinite(x)])))
-    # between 2 Hz and 5 kHz an arm is recorded; the unit that puts the rate there is the likely one
+    # arms are recorded at 2 Hz to 5 kHz; the unit that gives such a rate is likely
     unit = next((u for u in ("s", "ms", "us", "ns") if 2e-4 <= step * TIME[u] <= 0.5), "s")
     text = unknown_unit("time", (name,))
     if unit != "s" or text:
@@ -61,7 +61,7 @@ def time_unit(table: Table, name: str, doubts: list[str]) -> str:
 
 
 def integer_unit(table: Table, columns: tuple[str, ...], doubts: list[str]) -> str | None:
-    """The word whose sign a drive's reading has lost."""
+    """Integer type (logs.words) of a drive's reading whose sign was lost, or None."""
     for name in filter(None, columns):
         integer = wrapped(table.columns[name])
         if integer is not None:
@@ -71,10 +71,10 @@ def integer_unit(table: Table, columns: tuple[str, ...], doubts: list[str]) -> s
 
 
 def speeds(table: Table, part: Columns, positions: Columns, t: np.ndarray, rows: np.ndarray, doubts: list[str]) -> Columns:
-    """Speeds in the unit in which they are the derivative of the positions, where their names state none."""
+    """Speeds in the unit that makes them the derivative of the positions, where their names state none."""
     if positions.wraps is not None or any(stated_unit("dq", name) for name in part.columns):
         return part
-    rising = np.r_[True, np.diff(t) > 0]  # a stamp that is printed to fewer digits than the rate needs stands still in between
+    rising = np.r_[True, np.diff(t) > 0]  # a stamp printed with too few digits for the rate repeats
     ratios = []
     for of_q, of_dq in zip(positions.columns, part.columns, strict=True):
         if not (of_q in table.columns and of_dq in table.columns):
@@ -89,15 +89,15 @@ def speeds(table: Table, part: Columns, positions: Columns, t: np.ndarray, rows:
     ratio = float(np.median(ratios)) if ratios else 1.0
     likely = next((u for u, factor in UNITS["dq"].items() if abs(ratio * factor - 1) < SAME_SPEED), part.unit)
     if likely != part.unit:
-        doubts.append(f"dq is the derivative of q in {likely}: it is taken as that")
+        doubts.append(f"dq is the derivative of q in {likely}: this unit is taken")
         return Columns(part.columns, likely, part.factor, part.wraps, part.integer)
     return part
 
 
 def turns(table: Table, part: Columns, t: np.ndarray, rows: np.ndarray, doubts: list[str]) -> Columns:
-    """A position that jumps by one and the same angle, and covers just that angle, starts again after it."""
+    """The columns, with `wraps` set where a position always jumps by the same angle and covers just that angle."""
     for name in filter(None, part.columns):
-        with np.errstate(over="ignore", invalid="ignore"):  # values beyond all measure are no readings
+        with np.errstate(over="ignore", invalid="ignore"):  # absurd values may overflow
             q = table.columns[name][rows] * UNITS["q"][part.unit]
             ok = np.isfinite(q) & np.isfinite(t)
             step, dt = np.diff(q[ok]), np.diff(t[ok])
@@ -106,13 +106,13 @@ def turns(table: Table, part: Columns, t: np.ndarray, rows: np.ndarray, doubts: 
             continue
         for turn in TURNS:
             if np.all(np.abs(np.abs(step[jumps]) - turn) < 0.1 * turn) and 0.8 * turn < np.ptp(q[ok]) <= 1.01 * turn:
-                doubts.append(f"{name} jumps by {turn:.4g} rad {int(jumps.sum())} times: it is taken to start again there")
+                doubts.append(f"{name} jumps by {turn:.4g} rad {int(jumps.sum())} times: it is taken to wrap there")
                 return Columns(part.columns, part.unit, part.factor, turn)
     return part
 
 
 def follows(table: Table, position: str, speed: str, t: np.ndarray, rows: np.ndarray) -> bool:
-    """Whether a column is, to a scale and an offset, the integral of another; the integral, which noise of either hardly changes."""
+    """Whether a column is the integral of another, up to scale and offset; noise of either hardly changes an integral."""
     with np.errstate(over="ignore", invalid="ignore"):
         q, dq = table.columns[position][rows].astype(float), table.columns[speed][rows].astype(float)
         ok = np.isfinite(q) & np.isfinite(dq) & np.isfinite(t)

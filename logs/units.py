@@ -1,4 +1,4 @@
-"""Units that recordings come in, as factors to SI; the names are the ones people write."""
+"""Units found in recordings, as factors to SI, under the names that people write."""
 
 from __future__ import annotations
 

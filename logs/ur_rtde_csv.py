@@ -1,4 +1,4 @@
-"""CSV files that ur_rtde's recorder writes: `timestamp,actual_q_0,...`, one row a sample, controller clock.
+"""CSV files of ur_rtde's recorder: `timestamp,actual_q_0,...`, one row per sample, controller clock.
 
 `target_current` and `target_moment` are outputs of the controller's own model; they are never read as measurements. The
 controller reports currents and no joint torque, so `tau` is NaN.
@@ -34,16 +34,16 @@ MAX_HEADER = 1 << 16
 
 
 def looks_like_csv(head: bytes) -> bool:
-    """Whether the first bytes of a file can be the header of such a CSV file; its columns may stand in any order.
+    """Whether the first bytes of a file can be the header of such a CSV file; its columns may be in any order.
 
-    A column `timestamp` is in many tables; it is the positions' name that is ur_rtde's.
+    Many tables have a column `timestamp`; the name of the positions is specific to ur_rtde.
     """
     first = head.removeprefix(b"\xef\xbb\xbf").partition(b"\n")[0]
     return re.search(rb"(^|,)\s*\"?actual_q_\d\"?\s*(,|\r?$)", first) is not None
 
 
 def read_csv(path: Path, accept_partial: bool = False) -> Log:
-    """The samples of `path`, one for each row; BadLog names row, column, value and rule of the first bad value."""
+    """Return the samples of `path`, one per row; BadLog names row, column, value and rule of the first bad value."""
     damage = Damage(path, accept_partial)
     text = read_bytes(path, MAX_BYTES, BadLog, "split the recording into shorter ones").removeprefix(b"\xef\xbb\xbf")
     head, _, body = text[:MAX_HEADER].partition(b"\n")
@@ -75,11 +75,11 @@ def read_csv(path: Path, accept_partial: bool = False) -> Log:
 
 
 def _columns(header: str, damage: Damage) -> tuple[int, dict[str, list[int]]]:
-    """The column of the clock, and channel -> its six columns; the required ones must be there, each once."""
+    """Column of the clock, and channel -> its six columns; the required ones must be present, each once."""
     names = [name.strip().strip('"') for name in header.rstrip("\r\n").split(",")]
     repeated = {name for name in names if names.count(name) > 1}
     if repeated:
-        raise damage.refuse("row 1", f"column {min(repeated)!r} stands twice", "keep one of them")
+        raise damage.refuse("row 1", f"column {min(repeated)!r} occurs twice", "keep one of them")
     if "timestamp" not in names:
         raise damage.refuse(
             "row 1", "column timestamp is missing", "record with ur_rtde's variable timestamp: s, controller clock"
@@ -99,7 +99,7 @@ def _columns(header: str, damage: Damage) -> tuple[int, dict[str, list[int]]]:
 
 
 def _table(body: bytes, width: int, places: list[int], names: list[str], damage: Damage) -> tuple[np.ndarray, np.ndarray]:
-    """The wanted columns as numbers (N, len(places)) and the row of the file (1-based, header is row 1) of each sample."""
+    """The wanted columns as numbers (N, len(places)), and the file row of each sample (1-based; the header is row 1)."""
     if not body.strip():
         raise damage.refuse("row 2", "the file has a header and no samples", "record it again")
     complete = body.endswith(b"\n")
@@ -110,7 +110,7 @@ def _table(body: bytes, width: int, places: list[int], names: list[str], damage:
                 table = np.loadtxt(io.BytesIO(body), delimiter=",", comments=None, usecols=places, ndmin=2)
             except ValueError:
                 table = np.empty((0, 0))
-            # loadtxt takes rows of unequal width when the wanted columns are there: equal sums of commas do not exclude that
+            # loadtxt accepts rows of unequal width where the wanted columns are present; the total of commas does not exclude that
             if len(table) == lines and np.isfinite(table).all() and _equal_width(body, width):
                 return table, np.arange(2, lines + 2)
     return _table_by_row(body, width, places, names, complete, damage)

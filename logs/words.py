@@ -1,4 +1,4 @@
-"""Signed words that a recorder kept as unsigned ones: 65535 for -1."""
+"""Signed words that a recorder stored as unsigned ones: 65535 for -1."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ BITS = {"int16": 16, "int32": 32}
 
 
 def wrapped(x: np.ndarray) -> str | None:
-    """The integer type whose negative values x (N,) holds as large positive ones; None where it holds none.
+    """Return the integer type whose negative values x (N,) holds as large positive ones; None if there is none.
 
-    Whole numbers in the lowest and in the highest quarter of the unsigned range, some in each and none between: a load that changes its
-    sign leaves such a column, and nothing that is measured does.
+    All values must be whole numbers in the lowest or the highest quarter of the unsigned range, with some in each. A load that
+    changes sign leaves such a column; nothing that is measured does.
     """
     x = x[np.isfinite(x)]
     if not len(x) or np.any(x < 0) or np.any(x != np.rint(x)):
@@ -24,16 +24,16 @@ def wrapped(x: np.ndarray) -> str | None:
 
 
 def signed(x: np.ndarray, integer: str) -> np.ndarray:
-    """x (N,) with the upper half of the word's range taken as negative."""
+    """x (N,) with the upper half of the word's range read as negative."""
     size = 2.0 ** BITS[integer]
     return np.where((x >= size / 2) & (x < size), x - size, x)
 
 
 def finding(x: np.ndarray, integer: str) -> str:
-    """What such a column looks like, a sentence."""
+    """Sentence that describes such a column."""
     x = x[np.isfinite(x)]
     half = 2.0 ** BITS[integer] / 2
     return (
         f"whole numbers from 0 to {np.max(x[x < half]):.0f} and from {np.min(x[x >= half]):.0f} to {np.max(x):.0f}, none between: "
-        f"a signed {BITS[integer]}-bit word that was kept as an unsigned one ({2 * half - 1:.0f} is -1)"
+        f"a signed {BITS[integer]}-bit word stored as unsigned ({2 * half - 1:.0f} is -1)"
     )

@@ -1,4 +1,4 @@
-"""Files of columns: CSV, NPZ, MAT and Parquet as named columns of numbers; what each column means is stated by a column map."""
+"""Tables: CSV, NPZ, MAT and Parquet as named columns of numbers; a column map states what each column means."""
 
 from logs.tables.csv_table import CSV
 from logs.tables.matlab_table import MATLAB

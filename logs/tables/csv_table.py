@@ -1,4 +1,4 @@
-"""CSV: a row of names, then a row a sample; separated by comma, semicolon, tab or blanks, with a point or a comma in the numbers."""
+"""CSV: a row of names, then one row per sample; comma, semicolon, tab or blanks between, point or comma as decimal sign."""
 
 from __future__ import annotations
 
@@ -30,11 +30,14 @@ MAX_HEADER = 1 << 18
 NULLS = ("", "nan", "NaN", "NAN", "null", "NULL", "None", "NA", "N/A", "-")
 NO_UNIT = ("", "-")
 EVEN = "delete lines before the header, and give every row as many values as it has names; a comma between values cannot be their decimal sign"
-MOST_WORDS = 0.5  # a column with more cells that are no numbers is one of words
+MOST_WORDS = 0.5  # a column with more cells that are not numbers is text
 
 
 def _recognises(head: bytes | None, path: Path) -> bool:
-    """Text whose first line holds names or numbers; what a file of bytes begins with is no text."""
+    """Whether the file has the suffix of a table and is text with a separator in some line.
+
+    A zero byte means that it is not text, except in UTF-16.
+    """
     if head is None or (b"\0" in head and not head.startswith(UTF16)):
         return False
     try:
@@ -45,9 +48,9 @@ def _recognises(head: bytes | None, path: Path) -> bool:
 
 
 def _encoding(data: bytes) -> str:
-    """UTF-8, the UTF-16 that the first two bytes state, which is what Windows' shell writes, or Windows-1252; UnicodeDecodeError for neither.
+    """UTF-8; UTF-16 where the first two bytes state it (Windows' shell writes this); or Windows-1252. Else UnicodeDecodeError.
 
-    Only what begins a file of text is looked at: a byte that was damaged later makes one cell no number, and not another file.
+    Only the head of the file is examined: a byte damaged later spoils one cell, and does not change the encoding.
     """
     if data.startswith(UTF16):
         return "utf-16"
@@ -60,7 +63,7 @@ def _encoding(data: bytes) -> str:
 
 
 def _separator(line: str) -> str:
-    """The separator that makes most fields of a line, "" where none makes two."""
+    """The separator that splits a line into most fields, "" where none gives two."""
     line = line.lstrip("#% ").strip()
     counts = {sep: len(line.split(sep if sep != " " else None)) for sep in SEPARATORS}
     best = max(SEPARATORS[:3], key=lambda sep: counts[sep])
@@ -83,7 +86,7 @@ def _read(path: Path, damage: Damage) -> Table:
     repeated = [name for name, count in Counter(names).items() if count > 1]
     if repeated:
         raise damage.refuse(
-            f"row {skipped + 1}", f"column {repeated[0]!r} stands {names.count(repeated[0])} times", "keep one of them"
+            f"row {skipped + 1}", f"column {repeated[0]!r} occurs {names.count(repeated[0])} times", "keep one of them"
         )
     if len(names) > MAX_COLUMNS:
         raise damage.refuse(f"row {skipped + 1}", f"{len(names)} columns, at most {MAX_COLUMNS} are read", "leave columns out")
@@ -105,7 +108,10 @@ def _read(path: Path, damage: Damage) -> Table:
 
 
 def _header(text: str, damage: Damage) -> tuple[int, str, str]:
-    """Lines before the header, the header, what follows; lines of comment may stand before, and the header may be the last of them."""
+    """Return the number of lines before the header, the header, and what follows.
+
+    Comment lines may come before it, and the header may be the last of them.
+    """
     comment, skipped = "", 0
     while True:
         line, end, rest = text.partition("\n")
@@ -122,7 +128,7 @@ def _header(text: str, damage: Damage) -> tuple[int, str, str]:
 
 
 def _with_units(names: list[str], rest: str, separator: str) -> tuple[list[str], str, int]:
-    """A row of units under the header joins the names, as `q1 (deg)`: it holds words alone, and the row after it a number."""
+    """Join a row of units under the header to the names, as `q1 (deg)`: it holds only words, and the row after it a number."""
     after = rest.partition("\n")[2]
     units = [cell.strip("[]()") for cell in _row(rest, separator)]
     words = [unit for unit in units if unit not in NO_UNIT]
@@ -151,7 +157,7 @@ def _names(line: str, separator: str) -> list[str]:
 
 
 def _cells(rest: str, separator: str, names: list[str], first: int, damage: Damage) -> tuple[list[pa.Array], np.ndarray]:
-    """The columns as Arrow read them and the row of the file of each sample; rows of another width are damage."""
+    """Columns as Arrow read them, and the row in the file of each sample; rows of another width are damage."""
     if separator == " ":
         rest, separator = re.sub(r"(?m)^[ \t]+|[ \t]+$", "", rest), "\t"
         rest = re.sub(r"[ \t]+", "\t", rest)
@@ -172,7 +178,7 @@ def _cells(rest: str, separator: str, names: list[str], first: int, damage: Dama
         table = arrow_csv.read_csv(io.BytesIO(whole.encode()), options, parse, convert)
     except pa.ArrowInvalid as error:
         raise damage.refuse(
-            "rows", f"they are no table ({str(error).splitlines()[0][:120]})", "give a CSV file with a header"
+            "rows", f"they do not form a table ({str(error).splitlines()[0][:120]})", "give a CSV file with a header"
         ) from error
     blank = [k for k, line in enumerate(whole.split("\n")) if not line] if "\n\n" in whole or whole.startswith("\n") else []
     lines = np.setdiff1d(np.arange(table.num_rows + len(wrong) + len(blank)), blank)[: table.num_rows + len(wrong)] + first
@@ -186,7 +192,10 @@ def _cells(rest: str, separator: str, names: list[str], first: int, damage: Dama
 
 
 def _without_the_last(rest: str, first: int, separator: str, width: int, damage: Damage) -> str:
-    """A file that ends inside a row: the last number may be cut short, unless the program just writes no last line end."""
+    """Return the rows without the last one, which is reported: its final number may be cut short.
+
+    It is kept where that number is as long as others: some programs write no final line end.
+    """
     body, _, last = rest.rpartition("\n")
     if last.count(separator) == width - 1 and body:
         lengths = [len(line.rpartition(separator)[2]) for line in body.rsplit("\n", 20)[-20:]]
@@ -197,7 +206,7 @@ def _without_the_last(rest: str, first: int, separator: str, width: int, damage:
 
 
 def _numbers(column: pa.Array) -> np.ndarray | None:
-    """A column as float64, as int64 ns where it holds instants of a calendar, None where it holds words."""
+    """A column as float64, as int64 ns where it holds calendar times, None where it holds text."""
     kind = column.type
     if pa.types.is_timestamp(kind):
         return (

@@ -1,6 +1,6 @@
-"""MATLAB: .mat files of version 7 and before, the fields of structures by their path (`data.q`).
+"""MATLAB: .mat files up to version 7, fields of structures by their path (`data.q`).
 
-SciPy's reader is compiled code that trusts the file: changed bytes have ended the process that reads them. So another process does.
+SciPy's reader is compiled code that trusts the file, and corrupted bytes have crashed its process. So it runs in another one.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ def _read(path: Path, damage: Damage) -> Table:
         try:
             command = [sys.executable, "-I", "-c", CHILD, str(path.resolve()), str(out)]
             done = subprocess.run(command, capture_output=True, text=True, errors="replace", timeout=SECONDS, check=False)
-            reason = (done.stderr.strip().splitlines() or ["its reader ended without a word"])[-1]
+            reason = (done.stderr.strip().splitlines() or ["its reader ended without a message"])[-1]
         except subprocess.TimeoutExpired:
             reason = f"not within {SECONDS:g} s"
         if not out.is_file():

@@ -18,7 +18,7 @@ def _recognises(head: bytes | None, path: Path) -> bool:
 
 
 def _read(path: Path, damage: Damage) -> Table:
-    # np.load leaves a file open that it cannot read, unless the file is another's
+    # np.load leaves a file open that it cannot read, unless the caller opened it
     with path.open("rb") as file:
         arrays = _arrays(file, damage)
     fields: dict[str, np.ndarray] = {}

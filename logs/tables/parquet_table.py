@@ -1,4 +1,4 @@
-"""Parquet: columns of numbers and of lists of numbers; and LeRobot data sets, whose features and rate stand in meta/info.json.
+"""Parquet: columns of numbers and of lists of numbers; LeRobot data sets, whose features are named in meta/info.json.
 
 https://huggingface.co/docs/lerobot: data/chunk-*/*.parquet with `timestamp` s, `episode_index`, `observation.state`, `action`.
 """
@@ -35,7 +35,7 @@ def _is_lerobot(head: bytes | None, path: Path) -> bool:
 
 
 def _read(path: Path, damage: Damage) -> Table:
-    """One file; the names of LeRobot's features where it lies in such a data set."""
+    """Read one file; its features have the names of the LeRobot data set that it is part of, if any."""
     folder = next((up for up in path.resolve().parents[:4] if (up / INFO).is_file()), None)
     return _table([path], _features(folder, damage) if folder else {}, damage)
 
@@ -50,7 +50,7 @@ def _read_set(path: Path, damage: Damage) -> Table:
 
 
 def _features(folder: Path, damage: Damage) -> dict[str, list[str]]:
-    """Feature -> names of its elements, as meta/info.json says; they stand in a list, or in a list under one key."""
+    """Feature -> names of its elements in meta/info.json, where they are a list, or a list under one key."""
     try:
         features = json.loads((folder / INFO).read_text(encoding="utf-8")).get("features", {})
         out = {}
@@ -62,7 +62,7 @@ def _features(folder: Path, damage: Damage) -> dict[str, list[str]]:
                 out[name] = [str(x) for x in names]
         return out
     except (OSError, ValueError, AttributeError, RecursionError) as error:
-        damage.note(f"{INFO} is no description of a LeRobot data set ({str(error)[:80]}); its names are not used")
+        damage.note(f"{INFO} does not describe a LeRobot data set ({str(error)[:80]}); its names are not used")
         return {}
 
 

@@ -1,4 +1,4 @@
-"""A table: N rows of named columns, as they stand in the file."""
+"""A table: N rows of named columns, as in the file."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ HEAD = 4096  # bytes from which a format is recognised
 MAX_BYTES = 2 << 30
 MAX_COLUMNS = 4096
 MAX_CELLS = 1 << 28
-IN_WORDS = "holds words, no numbers"
+IN_WORDS = "holds text, not numbers"
 INSTANTS = "instants are read as numbers in s, ms, us or ns, or as 2024-03-01 12:00:00.125 (ISO 8601)"
 _SECONDS = re.compile(r"(.*[^a-z])?sec(s|onds)?", re.IGNORECASE)
 _NANOSECONDS = ("nanosec", "nanosecs", "nanoseconds", "nsec", "nsecs")
@@ -24,9 +24,9 @@ _NANOSECONDS = ("nanosec", "nanosecs", "nanoseconds", "nsec", "nsecs")
 
 @dataclass(frozen=True)
 class Table:
-    """columns: name -> (N,) float64, or int64 ns for instants of a calendar; rows: the place in the file of each, for messages.
+    """columns: name -> (N,) float64, or int64 ns for calendar times; rows: position of each row in the file, for messages.
 
-    text columns are named in `words` and not kept; `left_out` says what else of the file is no column.
+    Text columns are named in `words` and not kept; `left_out` states what else in the file is not a column.
     """
 
     columns: dict[str, np.ndarray]
@@ -49,7 +49,7 @@ class Format:
 
 
 def read_table(path: Path, formats: tuple[Format, ...], damage: Damage) -> Table:
-    """The table in `path`; BadLog where no format recognises it or it is no table."""
+    """Return the table in `path`; BadLog where no format recognises it, or it is not a table."""
     head = None
     if path.is_file():
         size = path.stat().st_size
@@ -65,16 +65,17 @@ def read_table(path: Path, formats: tuple[Format, ...], damage: Damage) -> Table
             if not len(table):
                 raise damage.refuse("rows", "the file has columns and no samples", "record it again")
             if len(table) == 1:
-                raise damage.refuse("rows", "the file has one sample, and a motion takes at least two", "record it again")
+                raise damage.refuse("rows", "the file has one sample, and a motion needs at least two", "record it again")
             return replace(table, columns=with_stamps(table.columns))
     known = ", ".join(form.name for form in formats)
     raise damage.refuse("byte 0", "unrecognised format", f"supported: MCAP, a ROS bag, or a table: {known}")
 
 
 def of_arrays(arrays: Mapping[str, np.ndarray], damage: Damage, about: str = "") -> Table:
-    """Arrays of numbers as columns: those as long as the longest, matrices as name[0], name[1], ..., standing or lying.
+    """Arrays of numbers as columns; matrices of either orientation become name[0], name[1], ...
 
-    The length is that of the array with the most samples; others are named in `left_out`.
+    The length is that of the longest matrix, or that of the longest vector where a matrix has it too or there is none. Arrays
+    of other lengths are named in `left_out`.
     """
     sound = {name: np.asarray(x) for name, x in arrays.items()}
     kept = {name: np.squeeze(x) for name, x in sound.items() if x.dtype.kind in "fiub" and 1 <= np.squeeze(x).ndim <= 2}
@@ -103,7 +104,10 @@ def of_arrays(arrays: Mapping[str, np.ndarray], damage: Damage, about: str = "")
 
 
 def with_stamps(columns: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """The columns, and before them the instants, int64 ns, of each pair as `header.stamp.sec` and `header.stamp.nanosec`, by both names."""
+    """The columns, preceded by the times (int64 ns) of each pair such as `header.stamp.sec` and `header.stamp.nanosec`.
+
+    A column of times is named after both.
+    """
     names, out = {name.lower(): name for name in columns}, {}
     for name, whole in columns.items():
         match = _SECONDS.fullmatch(name)
@@ -119,7 +123,7 @@ def _are_whole(x: np.ndarray, most: float) -> bool:
 
 
 def number(cell: object) -> float:
-    """A cell of text as a number, NaN where it is none; a comma may be the decimal sign."""
+    """A text cell as a number, NaN where it is not one; a comma may be the decimal sign."""
     try:
         text = str(cell).strip()
         return float(text.replace(",", ".")) if text and "_" not in text else math.nan

@@ -118,7 +118,7 @@ def test_options_say_what_columns_mean(table_file: Path, capsys: pytest.CaptureF
     assert not np.isfinite(log.tau).any()
     for wrong, words in (
         (["--column", "torque=tau1"], "write CHANNEL=NAME"),
-        (["--column", "q=pos_deg_1,pos_deg_2:grad"], "'grad' is no unit of q"),
+        (["--column", "q=pos_deg_1,pos_deg_2:grad"], "'grad' is not a unit of q"),
         (["--column", "tau=tau1,tau2:Nn"], "known: N m, mN m"),
         (["--rate", "0"], "greater than or equal to 0.1"),
         (["--episode", "9" * 400], "less than or equal to 1000000"),
@@ -204,7 +204,7 @@ def test_a_signed_word_that_was_kept_unsigned_is_named_and_converted(
     stated = ["--column", "time=t", "--column", "q=q1", "--column", "current=present_current_ma:mA"]
     assert main(["import", str(file), *stated, "--out", "first"]) == 2
     error = capsys.readouterr().err
-    assert "a signed 16-bit word that was kept as an unsigned one (65535 is -1)" in " ".join(error.split())
+    assert "a signed 16-bit word stored as unsigned (65535 is -1)" in " ".join(error.split())
     assert "--assume current=int16" in error
     assert not list(Path("first").glob("*.mcap"))
     assert main(["import", str(file), *stated, "--assume", "current=int16", "--out", "second"]) == 0

@@ -81,5 +81,5 @@ def test_damage_and_emptiness(tmp_path, motion) -> None:
                 continue
             assert np.isfinite(log.q).all()
     (tmp_path / "x.bag").write_bytes(b"#ROSBAG V2.0\n" + bytes(500))
-    with pytest.raises(BadLog, match="rosbags cannot read on"):
+    with pytest.raises(BadLog, match="rosbags cannot read further"):
         read_log(tmp_path / "x.bag")

@@ -109,7 +109,7 @@ def test_instants_in_a_form_that_is_not_read_are_named(tmp_path: Path, form: str
     lines = [f"{form.format(t)};{row}" for t, row in zip(T, rows, strict=True)]
     text = "\n".join([PLAIN.replace(",", ";"), *lines]) + "\n"
     (tmp_path / "a.csv").write_text(text.replace(".", ",") if form.startswith("2024") else text)
-    with pytest.raises(BadLog, match=r"t holds words, no numbers; instants are read as .*ISO 8601"):
+    with pytest.raises(BadLog, match=r"t holds text, not numbers; instants are read as .*ISO 8601"):
         taken(tmp_path / "a.csv")
 
 

@@ -48,9 +48,7 @@ def test_every_form_of_the_container_reads_alike(tmp_path, mcap_bytes, motion, j
     log = read_log(write(tmp_path / "a.mcap", mcap_bytes(**options)))
     assert log.joint_names == joints
     assert log.state is State.CLEAN
-    assert log.findings == (
-        "readings on /joint_diagnostics have instants of their own; they were interpolated on the device clock",
-    )
+    assert log.findings == ("readings on /joint_diagnostics have their own stamps; they were interpolated on the device clock",)
     check(log, motion)
 
 
@@ -145,7 +143,7 @@ def test_a_flipped_bit_is_found_and_its_chunk_left_out(tmp_path, mcap_bytes, mot
     data = bytearray(mcap_bytes(compression=CompressionType.NONE))
     data[len(data) // 3] ^= 4
     path = write(tmp_path / "a.mcap", bytes(data))
-    with pytest.raises(BadLog, match="the check sum of the content is wrong"):
+    with pytest.raises(BadLog, match="the checksum of the content is wrong"):
         read_log(path)
     log = read_log(path, accept_partial=True)
     assert 200 < len(log) < 400
@@ -189,9 +187,7 @@ def test_messages_out_of_file_order_are_read_by_log_time(tmp_path, mcap_bytes, m
     log = read_log(mixed)
     np.testing.assert_array_equal(log.q, read_log(whole).q)
     np.testing.assert_allclose(log.t, 0.002 * np.arange(len(stamps)), atol=1e-9)
-    assert log.findings == (
-        "messages on /joint_states do not stand in the order of their log times; they were read in that order",
-    )
+    assert log.findings == ("messages on /joint_states are not in the order of their log times; they were read in that order",)
 
 
 def reordered(stamps, q, sequence):

@@ -97,7 +97,7 @@ def test_places_that_cannot_be_recorded_to(tmp_path):
     with pytest.raises(DeviceError, match="never overwritten"):
         Recorder(tmp_path / "a.mcap", NAMES)
     assert (tmp_path / "a.mcap").read_bytes() == b"precious"
-    with pytest.raises(DeviceError, match="no folder"):
+    with pytest.raises(DeviceError, match="not a folder"):
         Recorder(tmp_path / "a.mcap" / "b.mcap", NAMES)
     with pytest.raises(DeviceError, match="cannot be created"):
         Recorder(Path("/proc/a.mcap"), NAMES)

@@ -51,7 +51,7 @@ def test_a_damaged_sample_of_a_journal_ends_it(tmp_path):
     path.write_bytes(data)
     log = read_log(path, accept_partial=True)
     assert len(log) == 10
-    assert any("check sum of the sample" in finding for finding in log.findings)
+    assert any("checksum of the sample" in finding for finding in log.findings)
 
 
 def resealed(data):
@@ -99,7 +99,7 @@ def test_a_damaged_journal_of_a_killed_program_stays_as_it_is(tmp_path):
     data[len(data) // 2] ^= 1
     path.write_bytes(data)
     assert recovered(path) is None
-    with pytest.raises(BadLog, match="check sum of the sample"):
+    with pytest.raises(BadLog, match="checksum of the sample"):
         read_log(path)
     assert path.read_bytes() == data
     assert 0 < len(read_log(path, accept_partial=True)) < 30

@@ -228,4 +228,4 @@ def test_a_clock_far_from_its_stamps_is_not_written() -> None:
     n, stamps, q, dq, tau = recording(6)
     found = examine(np.where(n > 4000, 4.0 + 1.1 * (stamps - 4.0), stamps), q, dq, {"tau": tau}, bridging=False)
     assert not found.rebuilt
-    assert any("the stamps stand as they are" in sentence for sentence in found.findings)
+    assert any("the stamps are kept as they are" in sentence for sentence in found.findings)

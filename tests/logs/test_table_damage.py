@@ -60,7 +60,7 @@ def test_rows_of_another_width_than_the_header(
 def test_what_is_no_recording(tmp_path: Path) -> None:
     for name, content, words in (
         ("a.csv", b"", "empty"),
-        ("b.csv", b"t,q1,q1\n1,2,3\n", "stands 2 times"),
+        ("b.csv", b"t,q1,q1\n1,2,3\n", "occurs 2 times"),
         ("c.csv", b"t,q1\n", "no samples"),
         ("d.csv", b"name,colour\nbolt,red\nnut,blue\n", "no column of times"),
         ("e.csv", b"t,height\n0,1\n1,2\n2,3\n", "no columns that are positions"),
@@ -88,7 +88,7 @@ def test_what_is_no_recording(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("reader", "words"),
     [
-        ("import os; os.abort()", "its reader ended without a word"),
+        ("import os; os.abort()", "its reader ended without a message"),
         ("import sys; sys.exit('unknown type 77')", "unknown type 77"),
         ("raise MemoryError('Unable to allocate 8 EiB')", "Unable to allocate 8 EiB"),
         ("import time; time.sleep(60)", "not within 0.5 s"),

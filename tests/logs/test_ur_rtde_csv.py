@@ -107,7 +107,7 @@ def test_missing_repeated_and_absent_columns(tmp_path, csv_text):
     text = csv_text()
     with pytest.raises(BadLog, match="columns actual_qd_3 are missing"):
         read_log(write(tmp_path / "a.csv", text.replace("actual_qd_3", "x")))
-    with pytest.raises(BadLog, match="'actual_q_1' stands twice"):
+    with pytest.raises(BadLog, match="'actual_q_1' occurs twice"):
         read_log(write(tmp_path / "a.csv", text.replace("actual_q_2", "actual_q_1")))
     with pytest.raises(BadLog, match="a header and no samples"):
         read_log(write(tmp_path / "a.csv", text.splitlines()[0] + "\n"))

@@ -62,7 +62,7 @@ def test_a_plant_from_end_to_end(plant: Path, tmp_path: Path, capsys: pytest.Cap
     }  # fmt: skip
     sentences = {row["arm"]: row["sentence"] for row in answer["arms"]}
     assert "wrist_2_joint" in sentences["ur5e+still+S-still"]
-    assert "check sum" in sentences["ur5e+bad+S-bad"]
+    assert "checksum" in sentences["ur5e+bad+S-bad"]
     assert "nobodys" in sentences["nobodys+unknown+S-unknown"]
     table = pq.read_table(out / "fleet.parquet").to_pylist()
     assert [row["arm"] for row in table] == sorted(status)
