@@ -1,1 +1,1 @@
-"""What the arm is and does: arm, trajectory, joint state, rigid body, plant, effects, emulated hardware."""
+"""Model and simulation of the arm: trajectory, joint state, rigid bodies, plant, effects, emulated hardware."""

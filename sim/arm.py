@@ -1,6 +1,6 @@
 """An arm is a folder: `arm.toml` with limits, sensors and effects, and a model file with the rigid bodies.
 
-Loading is strict: an unknown key lists the known ones, a missing limit is an error and never a guess.
+Loading is strict: the error for an unknown key lists the known ones, and a missing limit is an error, never guessed.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from sim.tree import KinematicTree
 
 @dataclass(frozen=True)
 class ArmEffect:
-    """An effect of the catalogue as this arm has it; joint is None for the whole arm."""
+    """An effect of the catalogue with this arm's parameters; joint is None for an effect on the whole arm."""
 
     effect: str
     joint: str | None
@@ -36,23 +36,25 @@ class ArmEffect:
 
     @property
     def key(self) -> tuple[str, str | None]:
-        """Effect and joint: an arm has an effect at most once in a place."""
+        """Effect and joint; an arm has each effect at most once per joint, or once for the whole arm."""
         return self.effect, self.joint
 
     @property
     def title(self) -> str:
-        """As a sentence names it: "joint elasticity at elbow_joint"."""
+        """Name for use in a sentence: "joint elasticity at elbow_joint"."""
         return self.effect.replace("_", " ") + (f" at {self.joint}" if self.joint else "")
 
 
 @dataclass(frozen=True)
 class Arm:
-    """Everything that is known of an arm; SI units, joint side of the gear, arrays read-only in the order of `joint_names`.
+    """Everything known about an arm. SI units, joint side of the gear; read-only arrays in the order of `joint_names`.
 
     q_min q_max (n,) rad, dq_max (n,) rad/s, ddq_max (n,) rad/s^2, jerk_max (n,) rad/s^3, tau_max (n,) N m
-    torque_constant (n,) N m/A at the joint, or None; torque_continuous (n,) N m that the drives hold for any time, or None; torque_at: "motor", or "joint" for sensors behind the gear; speed_from: "position", or "measured"; gravity (3,) m/s^2 in the base frame
-    effects are those beyond the rigid bodies; coulomb_friction, viscous_friction and rotor_inertia of the model file stand there too.
-    incomplete names the limits (and "sensors", "shapes") that nobody has stated of an arm that came from a bare model file.
+    torque_constant (n,) N m/A at the joint, or None; torque_continuous (n,) N m that the drives can hold indefinitely, or None
+    torque_at: "motor", or "joint" for sensors behind the gear; speed_from: "position" or "measured"; gravity (3,) m/s^2 in the
+    base frame
+    effects: those beyond the rigid bodies, including friction, rotor_inertia and springs of the model file
+    incomplete: limits (and "sensors", "shapes") that are not stated for an arm from a bare model file
     """
 
     name: str
@@ -84,7 +86,7 @@ class Arm:
 
     @property
     def bare(self) -> bool:
-        """True where the arm came from a bare model file, which does not state everything."""
+        """Whether something is not stated (`incomplete`), as for an arm from a bare model file."""
         return bool(self.incomplete)
 
     @property
@@ -93,21 +95,21 @@ class Arm:
         return self.tree.gravity
 
     def joint_index(self, name: str) -> int:
-        """Position of a joint in every array; ConfigError names the nearest joint."""
+        """Index of a joint in every array; ConfigError suggests the nearest name."""
         try:
             return self.joint_names.index(name)
         except ValueError:
             raise ConfigError(f"{self.name} has no joint {name!r}; {nearest(name, self.joint_names)}") from None
 
     def effect(self, name: str, joint: str | None = None) -> ArmEffect | None:
-        """The arm's own effect of that name, or None where the arm has none."""
+        """The arm's effect of that name at that joint, or None."""
         return next((e for e in self.effects if e.effect == name and e.joint == joint), None)
 
 
 def load_arm(reference: str | Path, configs: Path | None = None) -> Arm:
     """An arm from its name in configs/arms, the path of an arm folder, or a bare .xml or .urdf file.
 
-    A bare model file brings its limits with it; ConfigError asks by name for anything it lacks that a caller needs.
+    A bare model file brings the limits it states; a caller that needs another one asks for it by name (`sim.required`).
     """
     path = Path(reference)
     if path.suffix.lower() in (".xml", ".urdf", ".mjcf"):
@@ -116,7 +118,7 @@ def load_arm(reference: str | Path, configs: Path | None = None) -> Arm:
         return _folder(path if path.is_dir() else path.parent)
     if (named := folder_of(str(reference), configs)) is not None:
         return _folder(named)
-    if path.is_dir():  # of no arm's name: what it lacks to be one
+    if path.is_dir():  # not an arm's name: the error states what the folder is missing
         return _folder(path)
     if path.suffix.lower() == ".toml":
         raise ConfigError(f"{reference}: there is no such file; `calib init` writes a cell")
@@ -129,7 +131,7 @@ def load_arm(reference: str | Path, configs: Path | None = None) -> Arm:
 
 
 def folder_of(name: str, configs: Path | None = None) -> Path | None:
-    """The folder of the arm of that name, in configs/arms or in a package that adds it; None where there is no such arm."""
+    """Folder of the named arm, in configs/arms or in a package that adds it; None if there is no such arm."""
     if not is_name(name):  # a path
         return None
     found = (folder / name for folder in config_folders(configs, "arms") if (folder / name / "arm.toml").is_file())
@@ -170,7 +172,7 @@ def _folder(folder: Path) -> Arm:
         j = int(over[0])
         raise ConfigError(
             f"{file}: torque_continuous of {table.joints[j]} is {rated[j]:g} N m, above its tau_max of {limits['tau_max'][j]:g} N m; "
-            "tau_max is the drive's peak, torque_continuous what it holds for any time: correct one"
+            "tau_max is the drive's peak, torque_continuous what it can hold indefinitely: correct one"
         )
     arm = Arm(
         name=table.name, joint_names=tree.joint_names, **limits,
@@ -186,7 +188,7 @@ def _folder(folder: Path) -> Arm:
 
 
 def _limit(table: ArmTable, key: Any, tree: KinematicTree, file: Path) -> np.ndarray:
-    """One row of [limits]; a row that `incomplete` names is the model's own, NaN where the model has none."""
+    """One row of [limits]. A row that `incomplete` lists comes from the model, NaN where the model has none."""
     values = getattr(table.limits, key)
     if (values is None) != (key in table.incomplete):
         raise ConfigError(f"{file}: {_stated(f'limits.{key}', values is not None)}")
@@ -197,7 +199,7 @@ def _limit(table: ArmTable, key: Any, tree: KinematicTree, file: Path) -> np.nda
 
 def _stated(key: str, given: bool) -> str:
     if given:
-        return f"{key} is given, but incomplete says that it is not; take it off that list"
+        return f"{key} is given, but incomplete says that it is missing; remove it from that list"
     return f"missing key {key}; add it: it is never guessed"
 
 
@@ -221,7 +223,7 @@ def _bare(path: Path) -> Arm:
 
 
 def model_effects(tree: KinematicTree) -> tuple[ArmEffect, ...]:
-    """The effects that a model file states in its joints: damping, frictionloss, armature and, where not zero, a spring."""
+    """Effects that a model file states at its joints: damping, frictionloss, armature and, with non-zero stiffness, a spring."""
     effects = []
     for j, joint in enumerate(tree.joint_names):
         effects.append(ArmEffect("coulomb_friction", joint, {"coulomb": float(tree.frictionloss[j])}))

@@ -24,7 +24,7 @@ from sim.model import compiled, kinematic_tree
 from sim.model_text import asset_files
 from sim.tree import KinematicTree, combined
 
-# what a joint of a model file says -> the effect of the catalogue that it is, and its parameter
+# attribute of a joint in a model file -> effect of the catalogue, and its parameter
 JOINT_KEYS = {
     "frictionloss": ("coulomb_friction", "coulomb"),
     "damping": ("viscous_friction", "viscous"),
@@ -47,20 +47,20 @@ def write_arm(
     effects: Iterable[ArmEffect] = (),
     provenance: Mapping[str, str] | None = None,
 ) -> Arm:
-    """`load_arm(write_arm(folder, arm, ...).model_path.parent)` is `arm` with these changes; returns it as loaded.
+    """Write `arm` with these changes to `folder`; return the arm that `load_arm` reads back from it.
 
-    inertials   joint name -> (mass kg, com (3,) m, inertia (3, 3) kg m^2 about it) of the link behind it, link's axes, all of it
-    joints      joint name -> frictionloss N m, damping N m s/rad, armature kg m^2, stiffness N m/rad, springref rad; those given
+    inertials   joint name -> (mass kg, com (3,) m, inertia (3, 3) kg m^2 about it) of the whole link behind the joint, in the
+                link's axes
+    joints      joint name -> any of frictionloss N m, damping N m s/rad, armature kg m^2, stiffness N m/rad, springref rad
     gravity     (3,) m/s^2 in the base frame
-    effects     of the catalogue: each replaces the arm's own of that name and joint. What a model file can hold goes to model.xml
-                (friction, rotor, spring, masses, gravity; ripple and asymmetry as elements that plain MuJoCo simulates; payloads as
-                body calib_payload on the last link), the rest
-                and all standard deviations to arm.toml
-    provenance  entries that replace or join the arm's own
+    effects     of the catalogue: each replaces the arm's own of that name and joint. model.xml holds what a model file can
+                hold: friction, reflected inertia, springs, masses, gravity; ripple and asymmetry as elements that plain MuJoCo
+                simulates; payloads as body calib_payload on the last link. The rest and all standard deviations go to arm.toml
+    provenance  entries that replace or extend the arm's own
 
-    The folder is written beside its place and renamed, whole or not at all; an arm that stands there is replaced. What a bare
-    model file did not state is not stated by the folder either: `incomplete` in arm.toml names it. ConfigError where a number
-    is impossible (negative mass, an inertia that no body has) or the folder holds something else.
+    The folder is written next to its final place and renamed, so it is either complete or absent; an arm already there is
+    replaced. What a bare model file did not state stays unstated: `incomplete` in arm.toml lists it. ConfigError if a number is
+    physically impossible (negative mass, an inertia that no body has) or the folder holds something other than an arm.
     """
     folder = Path(folder)
     _check_place(folder, arm)
@@ -94,7 +94,7 @@ def write_arm(
 
 
 def with_effects(arm: Arm, effects: Iterable[ArmEffect]) -> tuple[Arm, Inertial | None]:
-    """The arm with effects, and what is mounted on it with their payloads."""
+    """The arm with `effects`, and their payloads combined into one body; None without a payload."""
     payload: Inertial | None = None
     for item in effects:
         if checked(arm, item).effect == "payload":
@@ -110,14 +110,14 @@ def _check_place(folder: Path, arm: Arm) -> None:
     if folder.resolve() == arm.model_path.parent.resolve():
         raise ConfigError(f"{folder}: this is the folder that {arm.name} was read from; write the new arm to another one")
     if folder.exists() and not (folder / "arm.toml").is_file() and (not folder.is_dir() or any(folder.iterdir())):
-        raise ConfigError(f"{folder}: holds something else than an arm; give a new folder")
+        raise ConfigError(f"{folder}: holds something other than an arm; give a new folder")
 
 
 def _with_joint(arm: Arm, joint: str, values: Mapping[str, float]) -> Arm:
     arm.joint_index(joint)
     for key, value in values.items():
         if key not in JOINT_KEYS:
-            raise ConfigError(f"{joint}: unknown joint number {key!r}; known: {', '.join(JOINT_KEYS)}")
+            raise ConfigError(f"{joint}: unknown joint parameter {key!r}; known: {', '.join(JOINT_KEYS)}")
         effect, parameter = JOINT_KEYS[key]
         old = arm.effect(effect, joint)
         zero = {p: 0.0 for e, p in JOINT_KEYS.values() if e == effect}
@@ -127,7 +127,7 @@ def _with_joint(arm: Arm, joint: str, values: Mapping[str, float]) -> Arm:
 
 
 def _with_joint_effects(arm: Arm) -> KinematicTree:
-    """The arm's tree with the friction, rotor inertia and springs of its effects."""
+    """The arm's tree with the friction, reflected inertia and springs of its effects."""
     rows: dict[str, Any] = {}
     for key, (effect, parameter) in JOINT_KEYS.items():
         own = [arm.effect(effect, joint) for joint in arm.joint_names]
@@ -137,7 +137,7 @@ def _with_joint_effects(arm: Arm) -> KinematicTree:
 
 
 def model_text(arm: Arm, payload: Inertial | None = None) -> tuple[str, dict[str, Path]]:
-    """The arm as MJCF text with every effect that MuJoCo has and with a payload, and the files it names: path beside the text -> file."""
+    """MJCF text of the arm with its native effects and a payload, and the files it names: path beside the text -> file."""
     return _model_text(arm, _with_joint_effects(arm), payload)
 
 
@@ -180,7 +180,7 @@ def _table(arm: Arm, name: str, provenance: dict[str, str]) -> ArmTable:
 
 
 def _check_written(read: KinematicTree, tree: KinematicTree, payload: Inertial | None) -> None:
-    """ConfigError unless the model that was written reads back as what was meant."""
+    """ConfigError unless the written model reads back as intended."""
     mass, com, inertia = tree.mass.copy(), tree.com.copy(), tree.inertia.copy()
     if payload is not None:
         last = tree.n - 1
@@ -190,13 +190,13 @@ def _check_written(read: KinematicTree, tree: KinematicTree, payload: Inertial |
         a, b = getattr(read, key), getattr(meant, key)
         if not np.allclose(a, b, rtol=1e-12, atol=1e-13):
             raise ConfigError(
-                f"{key} of the written model differs from what was meant by {np.max(np.abs(a - b)):.3g}; the model file sets it "
-                "in a way that cannot be changed here (a default class, a frame): write the number at the joint or body itself"
+                f"{key} of the written model differs from the intended value by {np.max(np.abs(a - b)):.3g}; the model file sets it "
+                "in a way that cannot be changed here (a default class, a frame): write the number on the joint or body itself"
             )
 
 
 def _swap(draft: Path, folder: Path) -> None:
-    """Put `draft` in the place of `folder`."""
+    """Replace `folder` with `draft`."""
     if not folder.exists():
         os.rename(draft, folder)
         return
@@ -207,7 +207,7 @@ def _swap(draft: Path, folder: Path) -> None:
 
 
 def arm_toml_text(table: ArmTable) -> str:
-    """The text of an arm.toml; rows of numbers on one line, every number as repr() has it."""
+    """Text of an arm.toml; a row of numbers on one line, every number as repr() writes it."""
     text = tomli_w.dumps(_stated(table.model_dump(by_alias=True, exclude_none=True)))
     # strings are escaped onto one line, so a bracket before a line break is an array
     return re.sub(
@@ -216,13 +216,13 @@ def arm_toml_text(table: ArmTable) -> str:
 
 
 def _stated(data: dict[str, Any]) -> dict[str, Any]:
-    """What is worth writing: nothing empty, and no reading that is as it nearly always is."""
+    """The entries worth writing: no empty lists, and no torque_at or speed_from with its usual value."""
     stated = {key: _stated(value) if isinstance(value, dict) else value for key, value in data.items()}
     return {key: value for key, value in stated.items() if value != [] and (key, value) not in USUAL}
 
 
 def write_atomically(file: Path, text: str) -> None:
-    """`text` in `file`, whole or not at all: written beside it, flushed to disk, renamed."""
+    """Write `text` to `file`, whole or not at all: to a file beside it, flushed to disk, then renamed."""
     descriptor, name = tempfile.mkstemp(dir=file.parent, prefix=f".{file.name}.")
     try:
         with os.fdopen(descriptor, "w", encoding="utf-8", newline="\n") as stream:

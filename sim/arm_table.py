@@ -10,7 +10,7 @@ from sim.strict import Finite, Label, Name, NotNegative, Positive, StrictTable
 
 
 class LimitsTable(StrictTable):
-    """Per joint, in the order of `joints`; every key is needed, except those that `incomplete` of arm.toml names."""
+    """Limits per joint, in the order of `joints`; every key is required unless `incomplete` in arm.toml lists it."""
 
     q_min: list[Finite] | None = None
     q_max: list[Finite] | None = None
@@ -21,7 +21,7 @@ class LimitsTable(StrictTable):
 
 
 class SensorsTable(StrictTable):
-    """Rates and noise of the arm's readings; used by the plant and as the first guess of the noise floor.
+    """Rate and noise of the arm's readings, used by the plant and as a first guess of the noise floor.
 
     rate Hz; encoder_resolution rad; velocity_noise rad/s, torque_noise N m (standard deviations per joint).
     """
@@ -48,8 +48,8 @@ class PriorTable(StrictTable):
     """How well the arm's own numbers are known: relative standard deviations.
 
     mass, com (relative to the link's size), inertia, coulomb, viscous, rotor.
-    numbers  where the masses and inertias come from; "unknown": those in the model only stand for the arm's size
-    unknown  what nobody has stated of this arm: a fit leaves it free (sim.prior has its scale), and the relative number does not count
+    numbers  source of the masses and inertias; "unknown": those in the model are placeholders derived from the arm's size
+    unknown  what is not stated for this arm: a fit leaves it free, on the scale of sim.prior, and ignores its relative number
     """
 
     numbers: Numbers | None = None
@@ -70,12 +70,14 @@ Incomplete = Literal["q_min", "q_max", "dq_max", "ddq_max", "jerk_max", "tau_max
 class ArmTable(StrictTable):
     """The schema of arm.toml.
 
-    torque_continuous: N m that the joint's drive holds for any time (its rated torque), where tau_max is its peak.
-    torque_at: where the torque is measured: at the motor (its current, before the gear), or by a sensor at the joint, behind the gear.
-    speed_from: which reading gives speed and acceleration: differences of the position, or the speed that the drive reports.
-    incomplete: what nobody has stated of this arm, because it was written from a bare model file. Such a limit is read from the
-    model where the model has it; where not, whoever needs it asks for it. "shapes": the files of some collision shapes were not there,
-    and no motion is cleared until they are added to the model, or the entry is removed to do without. An entry leaves the list when its number is written here.
+    torque_continuous: N m that the joint's drive can hold indefinitely (its rated torque); tau_max is its peak.
+    torque_at: where the torque is measured: at the motor (its current, before the gear), or by a sensor at the joint, behind
+    the gear.
+    speed_from: source of speed and acceleration: differences of the position, or the speed that the drive reports.
+    incomplete: what is not stated for this arm, because it was written from a bare model file. Such a limit comes from the
+    model if the model has it; otherwise, a caller that needs it asks for it. "shapes": the files of some collision shapes were
+    missing. No motion is cleared until they are added to the model, or the entry is removed to do without. Remove an entry from
+    the list when its number is written here.
     """
 
     schema_: Literal["arm/1"] = Field(alias="schema")

@@ -12,10 +12,10 @@ UNKNOWN_LOAD = (1.0, 0.1)
 
 
 def bench_drive(joint: str, load: tuple[float, float] | None = None, unknown: bool = False) -> KinematicTree:
-    """A tree of one hinge; load = (kg, m from the axis) hangs straight down at q = 0 rad of a level axis.
+    """A tree with one hinge; load = (kg, m from the axis) hangs straight down from a level axis at q = 0 rad.
 
-    The load is a steel ball. Without one the shaft stands upright, so that gravity moves nothing, and its disc of 0.1 kg only makes a model.
-    unknown: a load of 1 kg at 0.1 m stands for one of unknown mass.
+    The load is a steel ball. Without a load the shaft is vertical, so that gravity exerts no torque, and a ball of 0.1 kg on
+    the axis is a placeholder. unknown: 1 kg at 0.1 m stands in for a load of unknown mass.
     """
     mass, lever = load or (UNKNOWN_LOAD if unknown else (FREE_MASS, 0.0))
     level = load is not None or unknown

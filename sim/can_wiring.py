@@ -1,4 +1,4 @@
-"""Which servo drive sits on which joint, on which bus: the `[options]` of a can_servo cell, read by driver and emulated drives."""
+"""Assignment of servo drives to joints: the `[options]` of a can_servo cell, read by the driver and the emulated drives."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ ProtocolName = Literal["damiao", "cubemars", "robstride", "odrive"]
 
 
 class RangeTable(StrictTable):
-    """What the frames of a drive span, symmetric: rad, rad/s, N m, and gains from zero up; for drives that cannot report it.
+    """Ranges that a drive's frames encode, for drives that cannot report them: +-rad, +-rad/s, +-N m, and gains from zero up.
 
-    A span outside these bounds is no drive's: an unset register, or another unit.
+    No drive has a range outside these bounds: it is an unset register, or in another unit.
     """
 
     q: Annotated[Finite, Field(ge=0.1, le=1e4)]
@@ -30,11 +30,11 @@ class RangeTable(StrictTable):
 
 
 class ServoTable(StrictTable):
-    """One drive: joint it moves, its identifiers, its serial number, and its stiffness.
+    """One drive: the joint it moves, its identifiers, its serial number, and its gains.
 
-    q_joint = direction * q_drive + zero; kp N m/rad and kd N m s/rad of an impedance drive. `feedback` is the identifier
-    of its answers (Damiao MST_ID, CubeMars), `gear` motor revolutions per joint revolution (ODrive). protocol and fd (CAN FD frames with
-    the data bit rate) are those of the bus where they are not given.
+    q_joint = direction * q_drive + zero; kp N m/rad and kd N m s/rad of an impedance drive. `feedback`: identifier of its
+    replies (Damiao MST_ID, CubeMars). `gear`: motor revolutions per joint revolution (ODrive). protocol and fd (CAN FD frames
+    at the data bit rate) default to those of the bus.
     """
 
     joint: str
@@ -55,10 +55,11 @@ class ServoTable(StrictTable):
 class CanOptions(StrictTable):
     """A bus and its drives.
 
-    interface, channel, bitrate and `bus` go to python-can; data_bitrate makes it a CAN FD bus, whose Damiao drives speak FD unless their
-    servo says otherwise. protocol is that of every drive whose servo names no other. rate Hz is the control rate. watchdog s is the silence after
-    which a drive switches itself off. brakes says that the joints hold without torque. bus_load_max is the largest part of
-    the bit rate that the planned traffic may take in the worst case. `assume` is the cell's (sim.assumptions).
+    interface, channel, bitrate and `bus` go to python-can. data_bitrate makes it a CAN FD bus, on which Damiao drives use FD
+    unless their servo entry says otherwise. protocol applies to every drive whose servo entry names none. rate Hz is the
+    control rate. watchdog s is the silence after which a drive switches itself off. brakes: whether the joints hold without
+    torque. bus_load_max is the largest share of the bit rate that the planned traffic may take in the worst case. `assume` is
+    the cell's (sim.assumptions).
     """
 
     interface: str
@@ -86,19 +87,19 @@ class CanOptions(StrictTable):
                       for wide in [key == "node" and (s.protocol or self.protocol) == "robstride"]]  # fmt: skip
             twice = sorted({str(v) for _, v in values if values.count((_, v)) > 1})
             if twice:
-                raise ValueError(f"{key} {', '.join(twice)} stands twice in servos; each drive has its own")
+                raise ValueError(f"{key} {', '.join(twice)} appears twice in servos; each drive has its own")
         return self
 
     @property
     def protocols(self) -> str:
-        """The protocols on this bus, as part of a sentence."""
+        """The protocols on this bus, joined for use in a sentence."""
         return " and ".join(sorted({s.protocol or self.protocol or "" for s in self.servos}))
 
 
 def can_options(cell: Cell, arm: Arm) -> CanOptions:
-    """The checked options of a cell, servos in the order of the arm's joints; ConfigError says what is missing or unknown."""
+    """Checked options of a cell, with the servos in joint order; ConfigError names what is missing or unknown."""
     if "assume" in cell.table.options:
-        raise ConfigError(f"{cell.path}: assume stands in [options]; it belongs at the top of the cell file")
+        raise ConfigError(f"{cell.path}: assume is in [options]; it belongs at the top of the cell file")
     options = validated(CanOptions, {**cell.table.options, "assume": cell.table.assume}, cell.path)
     by_joint = {s.joint: s for s in options.servos}
     for name in by_joint:
@@ -119,25 +120,25 @@ NEEDS: dict[ProtocolName, tuple[str, ...]] = {
 
 
 def _whole(servo: ServoTable, options: CanOptions, cell: Cell) -> ServoTable:
-    """A servo with the bus's protocol and frame format filled in; ConfigError for what its drive cannot do without, or cannot do."""
+    """A servo with the bus's protocol and frame format filled in; ConfigError for a missing key or an unsupported setting."""
     where, protocol = f"{cell.path}: servo of {servo.joint}", servo.protocol or options.protocol
     if protocol is None:
         raise ConfigError(f"{where} has no protocol; write protocol = one of {', '.join(NEEDS)} to it or to [options]")
     for key in NEEDS[protocol]:
         if getattr(servo, key) is None:
-            raise ConfigError(f"{where} lacks {key}; a {protocol} drive cannot do without it")
+            raise ConfigError(f"{where} has no {key}; a {protocol} drive needs it")
     if protocol != "odrive" and not (servo.kp > 0 and servo.kd > 0):
         raise ConfigError(f"{where} needs kp and kd above zero; without them its joint falls")
     fd = protocol == "damiao" and options.data_bitrate is not None if servo.fd is None else servo.fd
     if fd and (protocol != "damiao" or options.data_bitrate is None):
         raise ConfigError(
-            f"{where} has fd = true; that needs data_bitrate in [options] and a damiao drive, here it is {protocol}"
+            f"{where} has fd = true; that needs data_bitrate in [options] and a damiao drive, but this one is {protocol}"
         )
     return servo.model_copy(update={"protocol": protocol, "fd": fd})
 
 
 def pose(values: list[float] | None, arm: Arm, what: str, cell: Cell) -> list[float]:
-    """A pose of the cell file, (n,) rad; ConfigError where it is missing or has a wrong length."""
+    """A pose of the cell file, (n,) rad; ConfigError if it is missing, not finite, or of the wrong length."""
     if values is None or len(values) != arm.n or not all(math.isfinite(v) for v in values):
         raise ConfigError(f"{cell.path}: {what} needs {arm.n} angles in rad, one for each joint of {arm.name}")
     return list(values)

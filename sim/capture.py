@@ -1,8 +1,8 @@
-"""A captured session: what was sent to a device and what it answered, byte for byte, as lines of JSON.
+"""A captured session: what was sent to a device and what it replied, byte for byte, as lines of JSON.
 
-The first line is the head: schema, driver, and what the capture was made of. Every further line is one message: t s since the beginning, the
-channel, whether the device ("<") or this computer (">") sent it, and its bytes in hexadecimal. A text file, so that whoever sends it can see
-what is in it.
+The first line is the header: schema, driver, and the origin of the capture. Each further line is one message: t s since the
+start, channel, sender ("<" the device, ">" this computer), and its bytes in hexadecimal. The file is text, so that people can
+see what it contains before they share it.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ SIZE_MAX = 1 << 28  # bytes of text; half an hour of a UR is less
 
 @dataclass(frozen=True)
 class Message:
-    """t s since the beginning; channel; sent by the device or to it; its bytes."""
+    """t s since the start; channel; whether the device sent it; its bytes."""
 
     t: float
     channel: str
@@ -30,7 +30,7 @@ class Message:
 
 
 def write_capture(path: Path, head: dict[str, str], messages: Iterable[Message]) -> None:
-    """The messages in a gzip file of lines; it must not exist."""
+    """Write header and messages to a new gzip file of lines; FileExistsError if it exists."""
     with gzip.open(path, "xt", encoding="utf-8", newline="\n") as file:
         file.write(json.dumps({"schema": SCHEMA, **head}) + "\n")
         for m in messages:
@@ -39,7 +39,7 @@ def write_capture(path: Path, head: dict[str, str], messages: Iterable[Message])
 
 
 def read_capture(path: Path) -> tuple[dict[str, str], list[Message]]:
-    """Head and messages; BadLog with the line where the file is not one."""
+    """Header and messages; BadLog with the number of the message that cannot be read."""
     messages: list[Message] = []
     try:
         with gzip.open(path, "rt", encoding="utf-8") as file:
@@ -54,6 +54,6 @@ def read_capture(path: Path) -> tuple[dict[str, str], list[Message]]:
         raise BadLog(f"{path}: cannot be read ({error}); give a file that `calib capture` wrote") from error
     except (EOFError, ValueError, KeyError, TypeError, IndexError) as error:
         raise BadLog(
-            f"{path}, message {len(messages) + 1}: none of a capture ({error}); give a file that `calib capture` wrote"
+            f"{path}, message {len(messages) + 1}: not part of a capture ({error}); give a file that `calib capture` wrote"
         ) from error
     return {str(key): str(value) for key, value in head.items()}, messages

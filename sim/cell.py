@@ -1,4 +1,4 @@
-"""A cell says which arm stands where, behind which driver, and what stands around it."""
+"""A cell: which arm stands where, which driver it uses, and what surrounds it."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ class ToolBox(StrictTable):
 
 
 class ToolCapsule(StrictTable):
-    """A capsule of the tool: both ends of its axis m in the last link's frame, and its radius m; one point twice is a ball."""
+    """A capsule of the tool: both ends of its axis m in the last link's frame, and its radius m; equal ends make a ball."""
 
     kind: Literal["capsule"]
     name: Label
@@ -71,7 +71,10 @@ class ToolCapsule(StrictTable):
 
 
 class ToolMesh(StrictTable):
-    """A closed triangle mesh (STL or OBJ) of the tool in the cell file's folder, metres, in the last link's frame; its hull counts."""
+    """A closed triangle mesh (STL or OBJ) of the tool, metres, in the last link's frame; its convex hull is used.
+
+    It lies in the cell file's folder.
+    """
 
     kind: Literal["mesh"]
     name: Label
@@ -81,14 +84,14 @@ class ToolMesh(StrictTable):
 
 
 class PayloadTable(StrictTable):
-    """What is declared to be mounted at the flange: kg, m in the last link's frame. Its shape stands in [[tool]]."""
+    """Declared payload at the flange: kg, m in the last link's frame. Its shape is given in [[tool]]."""
 
     mass: Annotated[Finite, Field(ge=0)]
     com: Vector = [0.0, 0.0, 0.0]
 
 
 class EmulationTable(StrictTable):
-    """The plant behind a mock or emulated cell: a seed, the effects that the tool does not know of, and the controller's options."""
+    """The plant behind a mock or emulated cell: seed, effects unknown to the program under test, and controller options."""
 
     seed: int = 0
     options: dict[str, Any] = Field(default_factory=dict)
@@ -98,8 +101,8 @@ class EmulationTable(StrictTable):
 class MotionTable(StrictTable):
     """Rules for motion in this cell: speed of every point of the arm m/s, clearance m, largest following error rad.
 
-    following_error rad is what must be expected until a slow stage has measured it: no motion is let through that has not so much room.
-    latency s is how late this computer may be at the least: every stop is given that much room, or more where more was measured.
+    following_error rad is assumed until a slow stage has measured it; a motion without that much room is refused. latency s is
+    the least delay assumed for this computer: every stop is given room for it, or for the measured delay if that is longer.
     """
 
     point_speed_max: Positive = 1.5
@@ -134,16 +137,16 @@ class CellTable(StrictTable):
     def _known(cls, names: list[str]) -> list[str]:
         for name in names:
             if name not in ASSUMPTIONS:
-                raise ValueError(f"{name!r} is nothing that can be assumed; {nearest(name, ASSUMPTIONS)}")
+                raise ValueError(f"{name!r} is not a known assumption; {nearest(name, ASSUMPTIONS)}")
         return names
 
 
 @dataclass(frozen=True)
 class Cell:
-    """A checked cell file: `table` is its content, `path` and `sha256` say which file it was.
+    """A checked cell file: `table` is its content, `path` and `sha256` identify the file.
 
-    `table.options` belong to the driver named by `table.driver`, which checks them. files: the bytes of every mesh, read once, with
-    the cell file: what was hashed is what is looked at.
+    `table.options` belong to the driver named by `table.driver`, which checks them. files: the bytes of every mesh, read once
+    with the cell file, so that what is hashed is what is used.
     """
 
     table: CellTable
@@ -152,7 +155,7 @@ class Cell:
     files: dict[str, bytes] = field(default_factory=dict)
 
     def mesh(self, file: str, where: str) -> bytes:
-        """The content of a mesh; ConfigError where it was not read with the cell file."""
+        """Content of a mesh file; ConfigError if it was not read with the cell file."""
         try:
             return self.files[file]
         except KeyError:
@@ -165,12 +168,15 @@ class Cell:
 
     @property
     def assumed(self) -> dict[str, str]:
-        """What this cell takes for granted: name and sentence, shown at each start and recorded with every log."""
+        """The cell's assumptions: name -> sentence, shown at each start and recorded with every log."""
         return {name: ASSUMPTIONS[name] for name in self.table.assume}
 
 
 def load_cell(reference: str | Path, configs: Path | None = None) -> Cell:
-    """A cell from its name in configs/cells or the path of a .toml file; an arm's path is taken from the file's folder where it is there."""
+    """A cell from its name in configs/cells or the path of a .toml file.
+
+    The arm's path is relative to the cell file's folder if it exists there.
+    """
     path = Path(reference)
     if path.suffix != ".toml":
         found = [f / f"{reference}.toml" for f in config_folders(configs, "cells") if (f / f"{reference}.toml").is_file()]
@@ -190,7 +196,7 @@ def load_cell(reference: str | Path, configs: Path | None = None) -> Cell:
 
 
 def load_arm_of(cell: Cell, configs: Path | None = None) -> Arm:
-    """The arm that stands in a cell; ConfigError, which names the cell file, where it cannot be loaded."""
+    """The arm of a cell; if it cannot be loaded, ConfigError names the cell file."""
     try:
         return load_arm(cell.table.arm, configs)
     except ConfigError as error:
@@ -198,7 +204,7 @@ def load_arm_of(cell: Cell, configs: Path | None = None) -> Arm:
 
 
 def _meshes(table: CellTable, path: Path) -> dict[str, bytes]:
-    """The bytes of each mesh that the cell file names; ConfigError where one cannot be read or lies outside the file's folder."""
+    """Bytes of each mesh that the cell file names; ConfigError if one cannot be read or lies outside the file's folder."""
     found = {}
     for what, item in [("obstacle", o) for o in table.obstacles] + [("tool", t) for t in table.tool]:
         if item.kind != "mesh":
@@ -211,7 +217,7 @@ def _meshes(table: CellTable, path: Path) -> dict[str, bytes]:
 
 
 def require_postures(cell: Cell, arm: Arm) -> None:
-    """ConfigError where the cell's home or rest is no posture of its arm: one angle a joint, within the joint's limits."""
+    """ConfigError unless the cell's home and rest have one angle per joint, within the joint limits."""
     for key, posture in (("home", cell.table.home), ("rest", cell.table.rest)):
         if posture is None:
             continue
@@ -222,5 +228,5 @@ def require_postures(cell: Cell, arm: Arm) -> None:
         for joint, angle, least, most in zip(arm.joint_names, posture, arm.q_min, arm.q_max, strict=True):
             if not least <= angle <= most:
                 raise ConfigError(
-                    f"{cell.path}: {key} has {joint} at {angle:g} rad; it turns from {least:.4g} to {most:.4g} rad; write radians, not degrees"
+                    f"{cell.path}: {key} has {joint} at {angle:g} rad; its range is {least:.4g} to {most:.4g} rad; write radians, not degrees"
                 )

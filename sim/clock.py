@@ -1,4 +1,4 @@
-"""Time is injected: every rule about time can be tested without waiting."""
+"""Injected time, so that every rule about time can be tested without waiting."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ class Clock(Protocol):
     """Seconds on a clock that never goes back."""
 
     def now(self) -> float:
-        """The instant, s; only differences mean anything."""
+        """Current time, s; only differences are meaningful."""
         ...
 
     def sleep_until(self, instant: float) -> None:
@@ -31,7 +31,7 @@ class MonotonicClock:
 
 
 class SimulatedClock:
-    """A clock that jumps to whatever instant is waited for: simulated motion runs as fast as the computer can."""
+    """A clock that jumps to the awaited instant: simulated motion runs as fast as the computer allows."""
 
     def __init__(self, start: float = 0.0) -> None:
         self._now = start

@@ -1,4 +1,4 @@
-"""Denavit-Hartenberg rows of a revolute arm, as the placement of each joint's frame in the one before."""
+"""Denavit-Hartenberg rows of a revolute arm, converted to the pose of each joint's frame in the previous one."""
 
 from __future__ import annotations
 
@@ -18,11 +18,12 @@ class DhRows:
 
 
 def joint_frames(rows: DhRows, near: np.ndarray) -> np.ndarray:
-    """(n, 4, 4) homogeneous: frame of joint k in that of joint k - 1, turning about its own z; the origin on the axis nearest to `near`.
+    """(n, 4, 4) homogeneous: frame of joint k in that of joint k - 1, rotating about its own z.
 
-    Joint k's axis is z of DH frame k - 1, so its frame is Tx(a) Rx(alpha) of row k - 1 and Rz(theta) Tz(d) of row k. Where along its axis
-    a frame sits is free; a calibrated arm has nearly parallel axes with rows d of many metres that cancel, so each origin is
-    slid to the point nearest to `near` (n, 3) m, the place in the base frame at q = 0 where the nominal model has it.
+    Joint k's axis is z of DH frame k - 1, so its frame is Tx(a) Rx(alpha) of row k - 1 and Rz(theta) Tz(d) of row k. The origin
+    may lie anywhere on the axis. A calibrated arm has nearly parallel axes whose rows d are many metres and cancel, so each
+    origin is moved along its axis to the point nearest to `near` (n, 3) m, its position in the nominal model in the base frame
+    at q = 0.
     """
     n = len(rows.d)
     frames = np.empty((n, 4, 4))

@@ -1,4 +1,4 @@
-"""The position loop of an emulated drive: the nominal arm's torque, and a proportional, differential and integral law on its encoder."""
+"""Position loop of an emulated drive: the nominal arm's torque plus a PID law on the drive's encoder."""
 
 from __future__ import annotations
 
@@ -7,25 +7,25 @@ import numpy as np
 from sim.arm import Arm
 from sim.rigid_body import RigidBody
 
-# Closed-loop bandwidth of the emulated drive: servo loops of this class follow to some hertz (UR servoJ at lookahead 0.1 s, gain
-# 300 behaves like a few hertz; feed-forward does the rest).
+# Closed-loop bandwidth of the emulated drive: servo loops of this class reach a few hertz (UR servoJ at lookahead 0.1 s, gain 300);
+# feed-forward does the rest.
 BANDWIDTH = 2 * np.pi * 6.0
-PUSHED = 5.0  # largest eigenvalue of M^-1 diag(M) with which gains by diag(M) settle at 200 Hz and more
-# postures in which it is looked for: of a Panda without stated rotors it is 2 in one and 79 in another, where its axes 1 and 3 meet
+PUSHED = 5.0  # largest eigenvalue of M^-1 diag(M) at which gains proportional to diag(M) settle at 200 Hz and above
+# postures in which it is evaluated: for a Panda without reflected inertia it is 2 in one and 79 in another, where axes 1 and 3 align
 POSTURES = 200
-# rad beside its command by which the gains of a pushed arm overcome the dry friction that its drive knows, as far as a loop that is closed
-# every millisecond stays steady: its own frequency, rad/s, there
+# position error, rad, at which the gains of a pushed arm overcome the dry friction that its drive knows; and the natural frequency, rad/s,
+# that bounds these gains, so that a loop closed every millisecond stays stable
 GIVES_WAY = 4e-3
 SWIFT = 650.0
-SLOW = 0.02  # rad/s about which the friction that a pushed arm's drive expects turns round
+SLOW = 0.02  # rad/s over which the friction that a pushed arm's drive expects changes sign
 State = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 class DriveLoop:
-    """Follows commands with what it knows of the arm: `known`, its joints in the order of joint_names.
+    """Follows commands with a model of the arm, `known`; vectors in the order of joint_names.
 
-    pushed: in some posture gains by what each joint carries would overshoot. torque_alone: the last command has no gains, so its torque
-    stands as it is.
+    pushed: in some posture, gains proportional to each joint's own inertia would overshoot. torque_alone: the gains of the last
+    command are zero, so its torque is applied as it is.
     """
 
     def __init__(self, known: Arm, joint_names: tuple[str, ...]) -> None:
@@ -37,7 +37,7 @@ class DriveLoop:
         self.pushed = self._most_pushed(known) > PUSHED
 
     def reset(self, q: np.ndarray) -> np.ndarray:
-        """Hold q (n,) rad; returns the torque (n,) N m that the nominal arm needs for it."""
+        """Hold q (n,) rad; return the torque (n,) N m that the nominal arm needs for it."""
         n = len(q)
         self._target: State = (q.copy(), np.zeros(n), np.zeros(n))
         self._acceleration, self._period = np.zeros(n), 0.0
@@ -53,7 +53,7 @@ class DriveLoop:
     def command(
         self, now: float, q: np.ndarray, dq: np.ndarray, tau: np.ndarray, kp: np.ndarray | None, kd: np.ndarray | None
     ) -> None:
-        """Follow q (n,) rad with dq (n,) rad/s and extra torque tau (n,) N m from now, s, on; kp and kd as in `Plant.command`."""
+        """From `now` s on, follow q (n,) rad, dq (n,) rad/s and extra torque tau (n,) N m; kp and kd as in `Plant.command`."""
         q, dq, tau = (np.array(x, dtype=float) for x in (q, dq, tau))
         elapsed = now - self._command_time
         start = self._wanted(now) if kp is None or kd is None else None
@@ -73,7 +73,7 @@ class DriveLoop:
                 self._kp, self._kd = self._gain_matrices(q)
 
     def torque(self, now: float, angle: np.ndarray, speed: np.ndarray, dt: float) -> np.ndarray:
-        """(n,) N m for readings (n,) rad and rad/s of the motors; the integral grows by dt s."""
+        """Torque (n,) N m for motor readings (n,) rad and rad/s; the integral grows by dt s."""
         if self._gains is not None:
             q, dq, tau = self._target
             kp, kd = self._gains
@@ -82,13 +82,13 @@ class DriveLoop:
         q, dq, model = self._wanted(now)
         push = self._kp @ (q - angle)
         self._integral += (0.15 * BANDWIDTH * dt) * push
-        if self.pushed:  # and what they rub, which is large beside their inertia
+        if self.pushed:  # plus friction, which is large compared with the inertia
             model = model + self._coulomb * np.tanh(dq / SLOW) + self._viscous * dq
         total: np.ndarray = model + push + self._kd @ (dq - speed) + self._integral + self._target[2]
         return total
 
     def _wanted(self, now: float) -> State:
-        """q, dq and the model's torque on the line of the last command, now; at its end where it has none or has run out."""
+        """q, dq and the model's torque now on the segment of the last command; at its end if it has no length or has run out."""
         q0, dq0, model0, q1, dq1, model1 = self._line
         since = now - self._command_time
         if since >= self._period:
@@ -99,7 +99,7 @@ class DriveLoop:
         return q0 + 0.5 * since * (dq0 + dq) + share * missed, dq, model0 + share * (model1 - model0)
 
     def _most_pushed(self, known: Arm) -> float:
-        """The largest eigenvalue of M^-1 diag(M) over postures within the limits, a whole turn where none is stated; the same ones for the same arm."""
+        """Largest eigenvalue of M^-1 diag(M) over fixed random postures within the limits; a whole turn where none is stated."""
         n = self._nominal.n
         low, high = (
             np.where(np.isfinite(known.q_min), known.q_min, -np.pi),
@@ -110,22 +110,22 @@ class DriveLoop:
         matrix = RigidBody(known, np.zeros(3)).inverse_dynamics(tall, np.zeros_like(tall), unit).reshape(POSTURES, n, n)
         matrix = matrix + np.diag(self._rotor)
         scale = np.sqrt(np.diagonal(matrix, axis1=1, axis2=2))
-        # those of diag(M)^-1/2 M diag(M)^-1/2, which is symmetric, are one over them
+        # the eigenvalues are one over those of diag(M)^-1/2 M diag(M)^-1/2, which is symmetric
         least = float(np.linalg.eigvalsh(matrix / (scale[:, :, None] * scale[:, None, :])).min())
         return 1.0 / least if least > 0 else np.inf
 
     def _gain_matrices(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """kp N m/rad and kd N m s/rad at q, (n, n): by what each joint carries, the others held.
+        """kp N m/rad and kd N m s/rad at q, (n, n): proportional to each joint's inertia with the others held.
 
-        Where that would overshoot, because the links push one another and no rotor steadies them (an arm of which nobody stated
-        rotors): by the whole mass matrix, which gives every joint the same bandwidth, and by friction besides: a light link that rubs
-        would stay behind.
+        For a pushed arm that would overshoot, because the links accelerate one another and no reflected inertia counteracts it
+        (none is stated). Its gains follow the whole mass matrix, which gives every joint the same bandwidth, plus terms for
+        friction, without which a light link with friction would lag.
         """
         matrix = self._nominal.mass_matrix(q) + np.diag(self._rotor)
         if not self.pushed:
             held = np.diag(np.diag(matrix))
             return BANDWIDTH**2 * held, 2 * 0.9 * BANDWIDTH * held
-        least = 1.0 / np.diag(np.linalg.inv(matrix))  # of each joint, where the others give way
+        least = 1.0 / np.diag(np.linalg.inv(matrix))  # inertia of each joint with the others free
         stiff = np.minimum(self._coulomb / GIVES_WAY, SWIFT**2 * least)
         damped = np.maximum(2 * 0.9 * np.sqrt(stiff * least) - self._viscous, 0.0)
         kp = BANDWIDTH**2 * matrix + BANDWIDTH * np.diag(self._viscous) + np.diag(stiff)

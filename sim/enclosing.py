@@ -1,9 +1,9 @@
-"""Convex pieces that together hold a mesh: one collision model for planning and for proving, tight enough that an arm can move.
+"""Convex pieces that together enclose a mesh: one collision model for planning and verification, tight enough for an arm to move.
 
-The triangles are cut into groups; a convex piece that holds the corners of a group's triangles holds the triangles. So every point of
-the surface lies in some piece, however the groups are chosen. They are chosen so that the pieces' volumes add up to little: the group
-whose cut saves most is cut next, in two or three slices. A piece is a capsule where that is hardly larger than the convex hull, which
-it is for a rod, else the hull.
+The triangles are split into groups; a convex piece that contains the corners of a group's triangles contains the triangles. So
+every point of the surface lies in some piece, however the groups are chosen. They are chosen for a small total volume of the
+pieces: the group whose cut saves most is cut next, into two or three slices. A piece is a capsule; with `hulls` it is the
+convex hull unless a capsule is hardly larger, as for a rod.
 """
 
 from __future__ import annotations
@@ -21,15 +21,15 @@ from sim.tree import KinematicTree, Shape
 
 listen()
 MOST = 6
-# a capsule, which costs less to look at, stands for a hull that has this share of its volume
+# a capsule, which is cheaper to check, replaces a hull of at least this share of its volume
 ROUND = 0.85
 # a cut must save this share of the volume
 WORTH = 0.12
-# cuts are compared on a sample of so many triangles; what a cut leaves is held whole
+# cuts are compared on a sample of this many triangles; the pieces enclose all of them
 SAMPLE = 500
 MOST_DIVIDED = 20_000
 CUTS = ((0.2,), (0.35,), (0.5,), (0.65,), (0.8,), (0.33, 0.67), (0.2, 0.8))
-# a capsule somewhat wider than it must be may end so much earlier that it is smaller
+# a slightly wider capsule may be so much shorter that its volume is smaller
 WIDER = (1.0, 1.05, 1.1, 1.2, 1.35)
 # a triangle longer than this share of the mesh is divided, so that a cut can pass through it
 EDGE = 0.2
@@ -50,7 +50,7 @@ class Capsule:
 
 
 def with_pieces(tree: KinematicTree, hulls: bool = False) -> KinematicTree:
-    """The tree with every mesh shape replaced by capsules that hold it, with `hulls` by convex pieces; other shapes stay as they are."""
+    """The tree with every mesh shape replaced by enclosing capsules, or by convex pieces with `hulls`; others are unchanged."""
     shapes: list[Shape] = []
     for shape in tree.shapes:
         if shape.vertices is None or shape.faces is None:
@@ -75,12 +75,12 @@ def with_pieces(tree: KinematicTree, hulls: bool = False) -> KinematicTree:
 
 
 def enclosing_capsules(vertices: np.ndarray, faces: np.ndarray, most: int = MOST) -> list[Capsule]:
-    """At most `most` capsules whose union holds every triangle of a mesh: vertices (V, 3) m, faces (F, 3)."""
+    """At most `most` capsules whose union contains every triangle of a mesh: vertices (V, 3) m, faces (F, 3)."""
     return [_held(corners) for corners in _groups(vertices, faces, _capsule_volume, most)]
 
 
 def _groups(vertices: np.ndarray, faces: np.ndarray, volume: Callable[[np.ndarray], float], most: int) -> list[np.ndarray]:
-    """At most `most` groups of the triangles, each (T, 3, 3) m, whose pieces' volumes add up to little."""
+    """At most `most` groups of the triangles, each (T, 3, 3) m, chosen for a small total volume of their pieces."""
     corners = _divided(np.asarray(vertices, dtype=float)[faces])
     groups = [(volume(corners.reshape(-1, 3)), corners, *_cut(corners, volume))]
     while len(groups) < most:
@@ -93,7 +93,7 @@ def _groups(vertices: np.ndarray, faces: np.ndarray, volume: Callable[[np.ndarra
 
 
 def _held(corners: np.ndarray) -> Capsule:
-    """A capsule of a group of triangles, with room for the rounding of the fit and of what a model file holds."""
+    """Capsule around a group of triangles, with a margin for rounding in the fit and in a model file."""
     found = _capsule(corners.reshape(-1, 3))
     return Capsule(found.ends, found.radius + 1e-6)
 
@@ -135,7 +135,7 @@ def _divided(corners: np.ndarray) -> np.ndarray:
 
 
 def _cut(corners: np.ndarray, volume: Callable[[np.ndarray], float]) -> tuple[float, list[np.ndarray]]:
-    """The volume that the best cut in two or three slices leaves, inf where there is none, and the slices."""
+    """Volume after the best cut into two or three slices, inf if there is none, and the slices."""
     centres = corners.mean(axis=1)
     axes = np.linalg.svd(centres - centres.mean(axis=0), full_matrices=False)[2] if len(centres) > 1 else np.eye(3)
     few = np.random.default_rng(0).permutation(len(corners))[:SAMPLE]
@@ -156,7 +156,7 @@ def _cut(corners: np.ndarray, volume: Callable[[np.ndarray], float]) -> tuple[fl
 
 
 def _capsule(points: np.ndarray, quick: bool = False) -> Capsule:
-    """A small capsule that holds points (P, 3): about the main axes of the points, then turned while that makes it smaller."""
+    """A small capsule that contains points (P, 3): along a principal or coordinate axis, then rotated while it shrinks."""
     try:
         points = points[ConvexHull(points).vertices]
     except (QhullError, ValueError):
@@ -176,7 +176,7 @@ def _capsule(points: np.ndarray, quick: bool = False) -> Capsule:
 
 
 def _along(points: np.ndarray, axis: np.ndarray, rounds: int = 40) -> Capsule:
-    """The smallest capsule of this direction: the smallest circle about the points seen along it, and ends as near as the radius allows."""
+    """Smallest capsule along `axis`: smallest circle around the points projected along it, ends as close as the radius allows."""
     ends, radius = _fitted(points, axis / np.linalg.norm(axis), rounds, WIDER)
     return Capsule(ends, radius)
 
@@ -225,7 +225,7 @@ def _fitted(points, axis, rounds, wider):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def _circle(points, rounds):  # type: ignore[no-untyped-def]
-    """Centre x, y and radius of a circle about points (P, 2), nearly the smallest: the centre goes to the farthest point, by less each time.
+    """Centre x, y and radius of a nearly smallest circle around points (P, 2): move to the farthest point in shrinking steps.
 
     Badoiu and Clarkson 2003, "Smaller core-sets for balls".
     """

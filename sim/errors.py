@@ -30,7 +30,7 @@ class BadLog(CalibError):
 
 
 class EmptyLog(BadLog):
-    """A recording without a sample: of a motion that never began. Nothing in it is wrong."""
+    """A recording without samples, of a motion that never started; nothing in it is wrong."""
 
 
 class AnswerIsNo(CalibError):

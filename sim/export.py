@@ -1,4 +1,4 @@
-"""An arm for other tools: MuJoCo, URDF, Isaac Lab, a controller's feed-forward, and a table of its parameters."""
+"""Export of an arm to other tools: MuJoCo, URDF, Isaac Lab, a controller's feed-forward, and a table of its parameters."""
 
 from __future__ import annotations
 
@@ -27,13 +27,14 @@ FORMATS = ("mjcf", "urdf", "isaaclab", "feedforward", "table")
 
 
 def export(arm: Arm, folder: Path, formats: Sequence[str] = FORMATS) -> list[Path]:
-    """Write the arm to `folder` in each of `formats`; returns the files.
+    """Write the arm to `folder` in each of `formats`; return the files.
 
-    mjcf         <name>.xml with every effect, see `sim.mujoco_export`, the meshes it names, and <name>_effects.json: how it has each
-    urdf         <name>.urdf, see `sim.urdf`, and its collision meshes as STL
-    isaaclab     <name>_isaaclab.json: an actuator's parameters, see `sim.feedforward`
-    feedforward  <name>_friction.csv and <name>_payload.json: what a controller is configured with, see `sim.feedforward`
-    table        <name>_parameters.csv and .json: every number with unit, and standard deviation where one is known
+    mjcf         <name>.xml with every effect (see `sim.mujoco_export`), the meshes it names, and <name>_effects.json: the form
+                 of each
+    urdf         <name>.urdf (see `sim.urdf`), and its collision meshes as STL
+    isaaclab     <name>_isaaclab.json: an actuator's parameters (see `sim.feedforward`)
+    feedforward  <name>_friction.csv and <name>_payload.json: settings of a controller (see `sim.feedforward`)
+    table        <name>_parameters.csv and .json: every number with its unit, and its standard deviation if known
     """
     for name in formats:
         if name not in FORMATS:
@@ -81,9 +82,10 @@ def export(arm: Arm, folder: Path, formats: Sequence[str] = FORMATS) -> list[Pat
 
 
 def parameter_table(arm: Arm) -> dict[str, Any]:
-    """Every number of the arm as rows {joint, parameter, value, std, unit, meaning}, value by value; joint "" is the whole arm.
+    """Every number of the arm as a row {joint, parameter, value, std, unit, meaning}; joint "" is the whole arm.
 
-    Masses in kg, com in m in the link's frame, which is its joint's frame; inertia in kg m^2 about the centre of mass, link's axes.
+    Masses in kg; com in m in the link's frame, which is its joint's frame; inertia in kg m^2 about the centre of mass, link's
+    axes.
     """
     rows: list[dict[str, Any]] = []
 
@@ -107,7 +109,7 @@ def parameter_table(arm: Arm) -> dict[str, Any]:
                           ("jerk_max", "rad/s^3"), ("tau_max", "N*m")):  # fmt: skip
             add(joint, key, getattr(arm, key)[j], unit, "limit")
         if arm.torque_constant is not None:
-            add(joint, "torque_constant", arm.torque_constant[j], "N*m/A", "joint torque per current")
+            add(joint, "torque_constant", arm.torque_constant[j], "N*m/A", "joint torque per unit of current")
     for item in arm.effects:
         effect = effect_named(item.effect)
         for p in effect.parameters:

@@ -1,4 +1,4 @@
-"""An exported model at one instant: the effects that its elements do not have, as forces, and what its encoders and drives report."""
+"""An exported model at one instant: forces of the effects that no element models, and readings of its encoders and drives."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from sim.mjcf_drives import READING
 from sim.mujoco_export import DRY
 
 MANY = 1000  # simulations whose memory is kept at once
-MODELS = 100  # whose effects are: those that were used last
+MODELS = 100  # models whose effects are kept: the last ones used
 
 
 @dataclass(frozen=True)
 class Reading:
-    """What encoders and drives report, (n,) each in the order of the arm's joints; q dq behind the gear, q_motor dq_motor before it."""
+    """Readings of encoders and drives, (n,) each in joint order; q dq behind the gear, q_motor dq_motor before it."""
 
     q: np.ndarray
     dq: np.ndarray
@@ -68,7 +68,7 @@ class ExportedArm:
         missing = [name for name in names if mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, name) < 0]
         if missing:
             raise ConfigError(
-                f"the model's table of effects names the joint {missing[0]}, which it has not; export the arm again"
+                f"the model's table of effects names the joint {missing[0]}, which the model does not have; export the arm again"
             )
         self.n = len(names)
         self.dof = np.array([model.joint(name).dofadr[0] for name in names])
@@ -103,7 +103,7 @@ class ExportedArm:
         self.acts = any(self.ours.values())
 
     def add_forces(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
-        """Add to data.qfrc_passive what no element does, and set the dry friction of the joints whose level varies."""
+        """Add to data.qfrc_passive what no element models, and set the dry friction of joints whose level varies."""
         state = self._instant(data)
         if self.ours[Stage.FORCE]:
             _apply(state, self.ours[Stage.FORCE])
@@ -122,7 +122,7 @@ class ExportedArm:
             data.qfrc_passive[self.dof] -= state.tau[0]
 
     def _rub(self, model: mujoco.MjModel, data: mujoco.MjData, state: PathState) -> None:
-        """Dry friction by the load through the gear at the acceleration of the step before, and by the warmth; the rest by warmth."""
+        """Set dry friction from warmth and the gear load at the previous step's acceleration; correct the rest for warmth."""
         state.load[:] = self._load(model, data, state)
         _apply(state, self.level)
         for j, (actuator, law) in self.dry.items():
@@ -131,11 +131,11 @@ class ExportedArm:
             model.actuator_biasprm[actuator, 3] = warmth * max(level, 1e-9)
             model.actuator_biasprm[actuator, 4] = warmth * max(level + excess, 1e-9)
             model.actuator_dynprm[actuator, 5] = warmth * law.stiffness
-            # its force is at most that of the friction: in fast motion a level that varies with the load would come back amplified
+            # its force is limited to that of the friction: in fast motion a load-dependent level would feed back amplified
             damping, most = warmth * law.damping, max(warmth * level, 1e-9)
             model.actuator_dynprm[actuator, 6] = damping / (1 + damping * abs(float(state.dq[0, j])) / most)
         if self.warmed and np.any(state.warmth != 1.0):
-            # the elements have it cold
+            # the elements model it cold
             cold = replace(state, warmth=np.ones_like(state.warmth), tau=np.zeros_like(state.tau))
             state.tau[:] = 0.0
             for each in (state, cold):
@@ -143,7 +143,7 @@ class ExportedArm:
             data.qfrc_passive[self.dof] -= (state.tau - cold.tau)[0]
 
     def _load(self, model: mujoco.MjModel, data: mujoco.MjData, state: PathState) -> np.ndarray:
-        """(n,) N m through each gear, at the acceleration of the step before."""
+        """Torque (n,) N m through each gear, at the previous step's acceleration."""
         links = np.zeros(model.nv)
         mujoco.mj_rne(model, data, 1, links)
         state.force[:] = 0.0
@@ -155,7 +155,7 @@ class ExportedArm:
         return state.load[0]
 
     def _memory_of(self, data: mujoco.MjData) -> dict[Hashable, np.ndarray]:
-        """What laws with memory keep of a simulation; forgotten at time zero and where its time went back."""
+        """State that laws with memory keep for a simulation; cleared at time zero and when its time goes back."""
         time, memory = self.memories.get(data._address, (0.0, {}))
         if data.time < time or data.time == 0.0:
             memory = {}
@@ -170,13 +170,13 @@ class ExportedArm:
         return wrench
 
     def _instant(self, data: mujoco.MjData) -> PathState:
-        """The torque path at the present instant; speeds and angles of the motors."""
+        """The torque path now, at the angles and speeds of the motors."""
         return instant(data.time, data.qpos[self.qpos], data.qvel[self.dof], data.qacc[self.dof])
 
     def reading(self, data: mujoco.MjData) -> Reading:
-        """Angles through the encoders, torques through gain, offset and the delay of the sensors; NaN where a joint has no motor.
+        """Angles as the encoders read them, torques with the sensors' gain, offset and delay; NaN torque without a motor.
 
-        A motor's force counts times its gear ratio.
+        A motor's force is multiplied by its gear ratio.
         """
         q_motor, dq_motor = data.qpos[self.qpos].copy(), data.qvel[self.dof].copy()
         q, dq = q_motor.copy(), dq_motor.copy()
@@ -208,7 +208,7 @@ def _motor_sensors(model: mujoco.MjModel, reading: str, after: str, joint: str) 
 
 
 def _least_step(model: mujoco.MjModel, sensors: list[int]) -> float:
-    """s: with a shorter step the sensors' memory does not reach back by their delay."""
+    """Shortest step, s, at which the sensors' history still covers their delay."""
     return max(
         (float(model.sensor_delay[k]) / (int(model.sensor_history[k, 0]) - 2) for k in sensors if model.sensor_delay[k] > 0),
         default=0.0,
@@ -221,7 +221,7 @@ def _apply(state: PathState, items: list[_Item]) -> None:
 
 
 def _read_angle(item: _Item, q: np.ndarray, dq: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """What one encoder makes of angles and speeds (n,)."""
+    """Angles and speeds (n,) as read through one encoder effect."""
     q, dq, here = q.copy(), dq.copy(), np.array([item.joint])
     dq[here] = item.effect.reading_speed(q[here], dq[here], item.parameters)
     q[here] = item.effect.reading(q[here], item.parameters)

@@ -1,4 +1,4 @@
-"""The table of effects inside an exported MuJoCo model, one for each arm of a scene: written by `sim.mujoco_export`, checked as it is read."""
+"""Table of effects inside an exported MuJoCo model, one per arm of a scene: written by `sim.mujoco_export`, checked when read."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class DryFriction(StrictTable):
 
 
 class ExportedEffect(StrictTable):
-    """One effect of the arm: how the model has it, and what of it the model has not."""
+    """One effect of the arm: its form in the model, and the error of that form."""
 
     effect: str
     joint: str | None
@@ -40,7 +40,7 @@ class ExportedEffect(StrictTable):
 
 
 class EffectsTable(StrictTable):
-    """What `calib.mujoco` knows of one arm of a model."""
+    """What `calib.mujoco` needs to know about one arm of a model."""
 
     schema_: Annotated[Literal["effects/2"], Field(alias="schema")]
     arm: str
@@ -63,9 +63,9 @@ class EffectsTable(StrictTable):
 
 
 def effects_tables(model: mujoco.MjModel) -> dict[tuple[str, str], EffectsTable]:
-    """The tables of a model, by what stands before and after each of its arm's names: an attached arm's have a prefix, or a suffix.
+    """Tables of a model, by the (prefix, suffix) of the arm's names; an attached arm has one of the two.
 
-    ConfigError where one cannot be used.
+    ConfigError if a table cannot be used.
     """
     out = {}
     for k in range(model.ntext):
@@ -82,10 +82,10 @@ def _read(model: mujoco.MjModel, k: int, name: str) -> EffectsTable:
     try:
         data: Any = json.loads(model.text_data[start : start + int(model.text_size[k])].split(b"\0")[0])
     except (ValueError, RecursionError) as error:
-        raise ConfigError(f"{where} is no JSON that can be read ({error}); export the arm again") from None
+        raise ConfigError(f"{where} is not readable JSON ({error}); export the arm again") from None
     schema = data.get("schema") if isinstance(data, dict) else None
     if schema != SCHEMA:
-        raise ConfigError(f"{where}: schema {schema!r:.40}, where {SCHEMA!r} is read; export the arm again")
+        raise ConfigError(f"{where}: schema {schema!r:.40}, but {SCHEMA!r} is needed; export the arm again")
     try:
         return validated(EffectsTable, data, where)
     except ConfigError as error:

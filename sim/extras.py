@@ -1,4 +1,4 @@
-"""Parts that are installed only where they are wanted: `pip install 'arm-calib[NAME]'`; where one is missing, a sentence says so."""
+"""Optional dependencies, `pip install 'arm-calib[NAME]'`; a missing one is reported in one sentence."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ EXTRAS: dict[str, tuple[str, ...]] = {
 
 @contextmanager
 def needing(extra: str, what: str) -> Iterator[None]:
-    """Around imports: ConfigError names the extra where one of its modules is missing. `what` needs them, for the sentence."""
+    """Context for imports: ConfigError names the extra if one of its modules is missing; `what` is what needs them."""
     try:
         yield
     except ModuleNotFoundError as error:
@@ -29,7 +29,7 @@ def needing(extra: str, what: str) -> Iterator[None]:
 
 
 class Lazily:
-    """A module of an extra, imported when something of it is first used; ConfigError where it is missing."""
+    """A module of an extra, imported at first use; ConfigError if it is missing."""
 
     def __init__(self, module: str, extra: str, what: str) -> None:
         self._wanted = module, extra, what

@@ -1,4 +1,4 @@
-"""What a controller or another simulator needs of an arm: friction by speed, payload and gravity, an actuator's parameters."""
+"""What a controller or another simulator needs to know about an arm: friction by speed, payload, gravity, actuator parameters."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ from sim.prediction import by_stage
 from sim.slip import SLIP_WIDTH
 from sim.torque_path import PathState
 
-SPEEDS = 20  # either way, evenly up to the joint's largest speed
-RUN_IN = 10.0  # rad that the gear has slipped before: a hundred of the longest displacements over which friction builds up
+SPEEDS = 20  # in each direction, evenly up to the joint's largest speed
+RUN_IN = 10.0  # rad of slip beforehand: a hundred times the longest displacement over which friction builds up
 FLANGE = "attachment_site"
 
 
 def friction_table(arm: Arm) -> list[dict[str, Any]]:
-    """Rows {joint, speed rad/s, torque N m}: the torque that friction takes in steady motion, without load through the gear, cold.
+    """Rows {joint, speed rad/s, torque N m}: friction torque in steady motion of a cold gear without load.
 
-    tau_ff = friction(dq_cmd) + inverse dynamics is the feed-forward of a drive that takes one (MIT mode); friction that grows with
-    load is left out. At rest the torque is that of the direction in which motion begins: -0.0 and 0.0.
+    tau_ff = friction(dq_cmd) + inverse dynamics is the feed-forward of a drive that accepts one (MIT mode); load-dependent
+    friction is left out. At rest the torque is that of the direction in which motion begins: speeds -0.0 and 0.0.
     """
     top = np.where(np.isfinite(arm.dq_max), arm.dq_max, 1.0)
     share = np.linspace(0, 1, SPEEDS + 1)[:, None]
@@ -43,14 +43,14 @@ def friction_table(arm: Arm) -> list[dict[str, Any]]:
 
 
 def dry_friction(arm: Arm, load: np.ndarray) -> np.ndarray:
-    """(n,) N m: half the width of the band within which joints that stand under load (n,) N m may hold their torque."""
+    """(n,) N m: half the width of the band in which the torque of joints at rest under load (n,) N m may lie."""
     rest = np.zeros((2, arm.n))
     up, down = (_steady(arm, rest, way, load) for way in (1.0, -1.0))
     return np.asarray(0.5 * np.abs(up[-1] - down[-1]))
 
 
 def _steady(arm: Arm, dq: np.ndarray, way: float, load: np.ndarray | float = 0.0) -> np.ndarray:
-    """(N, n) torque of friction at the speeds dq (N, n) under load, after a long way in the direction `way`, 1 or -1."""
+    """Friction torque (N, n) at the speeds dq (N, n) under load, after long travel in the direction `way`, 1 or -1."""
     memory: dict[Hashable, np.ndarray] = {}
     came = np.array([[-way * RUN_IN], [0.0]]) * np.ones(arm.n)
     _friction(arm, came, dq[:2], way, load, memory)
@@ -76,12 +76,13 @@ def _friction(
 
 
 def payload_table(arm: Arm) -> dict[str, Any]:
-    """What is mounted at the flange, in the flange's frame, and the gravity of the mount; with the URScript lines that say so.
+    """Payload at the flange in the flange's frame, and the gravity of the mount, also as URScript lines.
 
-    Without a payload of its own in the model (the links may hold one) nothing is stated about it. The flange is the site `attachment_site` of the last link where the model has it, else the last link's frame. Mass in kg, centre
-    of mass in m, inertia in kg m^2 about it with axes along the flange's; gravity in m/s^2 in the base frame.
-    set_target_payload(m, cog, [Ixx, Iyy, Izz, Ixy, Ixz, Iyz]) and set_gravity(d), d the acceleration away from the earth's centre:
-    Universal Robots, URScript manual.
+    The payload is None if the model has no payload body (the links may include one). The flange is the site `attachment_site`
+    of the last link if the model has it, else the last link's frame. Mass in kg, centre of mass in m, inertia in kg m^2 about
+    it with axes along the flange's; gravity in m/s^2 in the base frame.
+    set_target_payload(m, cog, [Ixx, Iyy, Izz, Ixy, Ixz, Iyz]) and set_gravity(d), d the acceleration away from the earth's
+    centre: Universal Robots, URScript manual.
     """
     found = mounted(arm.model_text)
     place, turn, frame = _flange(arm)
@@ -97,10 +98,11 @@ def payload_table(arm: Arm) -> dict[str, Any]:
 
 
 def isaaclab_actuator(arm: Arm) -> dict[str, Any]:
-    """Keyword arguments of isaaclab.actuators.ImplicitActuatorCfg (2.2 to 3.x), and what that model leaves out of the arm.
+    """Keyword arguments of isaaclab.actuators.ImplicitActuatorCfg (2.2 to 3.x), and the effects that this model leaves out.
 
-    friction is the torque that motion must overcome from rest, dynamic_friction that while moving, N m; viscous_friction N m s/rad;
-    armature kg m^2 at the joint. Gains are left to the USD's own. Isaac Lab's delay is that of a command, which no log of ours shows.
+    friction is the torque needed to start from rest, dynamic_friction that while moving, N m; viscous_friction N m s/rad;
+    armature kg m^2 at the joint. The gains are those of the USD. Isaac Lab's delay is that of a command, which our logs do not
+    show.
     """
     rows: dict[str, dict[str, float]] = {key: {} for key in ("armature", "friction", "dynamic_friction", "viscous_friction")}
     left_out: list[dict[str, str | None]] = []

@@ -1,4 +1,4 @@
-"""Whether a file's owner is alive, and who has a device: both by a lock that ends with its program, however that ends."""
+"""File locks that end with their process: whether a file's writer is alive, and which process uses a device."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from typing import BinaryIO
 
 from sim.errors import DeviceError
 
-LOCKS = Path("/tmp")  # one place for all users and environments: a lock that another program looks for elsewhere is none
+LOCKS = Path("/tmp")  # one place for all users and environments, so that every program looks for a lock in the same folder
 
 
 def locked(stream: BinaryIO | int) -> bool | None:
-    """Lock an open file, or its descriptor, for as long as it is open: False where another has it, None where the file system has no locks."""
+    """Lock an open file, or its descriptor, while it is open: False if another process has it, None without lock support."""
     try:
         fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
         return True
@@ -25,16 +25,16 @@ def locked(stream: BinaryIO | int) -> bool | None:
 
 
 def is_locked(file: Path) -> bool:
-    """Whether the program that writes this run is alive, or nobody can know."""
+    """Whether the program that writes this file is alive; True also if that cannot be determined."""
     with file.open("rb") as stream:
         return locked(stream) is not True
 
 
 def lock_device(what: str) -> BinaryIO:
-    """Keep every other start of this software from `what`, a device by its address, for as long as the answer is open.
+    """Reserve `what`, a device by its address, against other instances of this software while the returned file is open.
 
-    DeviceError names the process that has it. The lock is on a file of its own, which holds that number: a bus and a network address are
-    no files, and a file that stands for a device may be replaced by an editor.
+    DeviceError names the process that has it. The lock is on a separate file, which holds the process number: a bus or a
+    network address is not a file, and an editor may replace a file that stands for a device.
     """
     file = LOCKS / f"arm-calib-{hashlib.sha256(what.encode()).hexdigest()[:24]}.lock"
     try:
@@ -48,7 +48,7 @@ def lock_device(what: str) -> BinaryIO:
         stream.close()
         pid = owner if owner.isascii() and owner.isdecimal() else ""
         raise DeviceError(
-            f"{what}: another program works with it ({f'PID {pid}' if pid else f'which has {file} open'}); wait until it has ended. Where it holds an "
+            f"{what}: another program is using it ({f'PID {pid}' if pid else f'which has {file} open'}); wait until it has ended. If it holds an "
             f"arm: support the arm, then kill -INT {pid or 'PID'}"
         )
     stream.truncate(0)
@@ -57,7 +57,7 @@ def lock_device(what: str) -> BinaryIO:
 
 
 def _opened(file: Path) -> int:
-    """A descriptor of the file, made for all users where it is not there yet; no link of somebody else's is followed."""
+    """Descriptor of the file, created for all users if it does not exist; symbolic links are not followed."""
     flags = os.O_RDWR | os.O_NOFOLLOW
     try:
         return os.open(file, flags)  # first without O_CREAT, which systems refuse for another user's file in a common folder

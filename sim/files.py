@@ -1,6 +1,6 @@
-"""The content of a file, which is not trusted: regular files only, of bounded size, read within bounds; every failure is one sentence.
+"""Reading of untrusted files: regular files only, of bounded size; every failure is one sentence.
 
-Names and labels from a file become checked text here before they are part of a path, a terminal's screen or a page.
+Names and labels from a file are checked here before they become part of a path, a terminal's output or a page.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ MAX_TABLE = 1 << 20  # bytes of a TOML file
 MAX_PARTS = 16  # of a dotted key: the parser's time grows with their square
 MAX_LABEL = 200
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}", re.ASCII)
-# a word and the dot after it, or whatever else stands there; nothing is looked at twice
+# a word and the dot after it, or any other character; without backtracking
 _PART = re.compile(r"(?:[\w-]++|\"(?:[^\"\\\n]|\\.)*+\"?|'[^'\n]*+'?)(?P<dot>[ \t]*+\.[ \t]*+)?|.", re.DOTALL)
 
 
@@ -39,7 +39,7 @@ def read_bytes(file: Path, most: int, kind: type[CalibError] = ConfigError, reme
     """The content of a regular file of at most `most` bytes."""
     with open_regular(file, kind, remedy) as stream:
         try:
-            # a reader allocates what it requests at once: no more than there is, and one byte that says whether it has grown
+            # read() allocates the requested size at once: request the file's size, and one byte more to detect growth
             data = stream.read(min(most, os.fstat(stream.fileno()).st_size) + 1)
         except OSError as error:
             raise kind(f"{printable(file)}: cannot be read ({error.strerror}); {remedy}") from error
@@ -55,7 +55,7 @@ def read_text(file: Path, most: int, remedy: str = "give another file") -> str:
 
 
 def as_text(data: bytes, file: Path, remedy: str = "give another file") -> str:
-    """UTF-8 text; the error names the byte that is none."""
+    """`data` as UTF-8 text; ConfigError names the first byte that is not."""
     try:
         return data.decode("utf-8")
     except UnicodeDecodeError as error:
@@ -63,7 +63,7 @@ def as_text(data: bytes, file: Path, remedy: str = "give another file") -> str:
 
 
 def toml_table(text: str, file: Path, remedy: str = "correct the file at that place") -> dict[str, Any]:
-    """The table in TOML text; ConfigError for bad syntax, integers beyond 64 bits, and nesting that no table here has."""
+    """The table in TOML text; ConfigError for bad syntax, integers beyond 64 bits, and nesting deeper than any table here."""
     parts = 0
     for found in _PART.finditer(text):
         parts = parts + 1 if found["dot"] is not None else 0
@@ -74,7 +74,7 @@ def toml_table(text: str, file: Path, remedy: str = "correct the file at that pl
         data = tomllib.loads(text)
     except RecursionError:
         raise ConfigError(f"{printable(file)}: not valid TOML (nested too deeply); {remedy}") from None
-    except ValueError as error:  # bad syntax, or more digits than Python turns into a number
+    except ValueError as error:  # bad syntax, or more digits than Python converts
         raise ConfigError(f"{printable(file)}: not valid TOML ({str(error).split(';')[0]:.200}); {remedy}") from error
     left: list[Any] = [data]
     while left:
@@ -92,7 +92,7 @@ def read_toml(file: Path, remedy: str = "correct the file at that place") -> dic
 
 
 def write_whole(file: Path, text: str) -> None:
-    """Write a file: what stood there stays until the new one is whole, and on a full disk nothing is left beside it; OSError as from writing."""
+    """Replace a file once the new content is complete; on a full disk no partial file is left. OSError as from writing."""
     part = file.with_name(f"{file.name}.part")
     try:
         part.write_text(text, encoding="utf-8")
@@ -108,14 +108,14 @@ def is_name(text: str) -> bool:
 
 
 def checked_name(text: str) -> str:
-    """The name of an arm or a cell; ValueError where `is_name` is not true of it."""
+    """`text` if it may name an arm or a cell (`is_name`); ValueError otherwise."""
     if not is_name(text):
         raise ValueError("must be 1 to 64 letters, digits, dots, dashes and underscores, and begin with a letter or digit")
     return text
 
 
 def checked_label(text: str) -> str:
-    """A word for people (a joint, an obstacle): 1 to MAX_LABEL characters that can be printed; ValueError otherwise."""
+    """A label shown to people (a joint, an obstacle): 1 to MAX_LABEL printable characters; ValueError otherwise."""
     if not 0 < len(text) <= MAX_LABEL:
         raise ValueError(f"must have 1 to {MAX_LABEL} characters")
     if printable(text) != text or "\n" in text or "\t" in text:

@@ -1,4 +1,4 @@
-"""What is a number and what only looks like one: text, bools, complex numbers and None are none, NaN and infinities are not finite."""
+"""Checks for finite real numbers: text, bools, complex numbers and None are not numbers; NaN and infinities are not finite."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 
 
 def real_array(values: Any, what: str) -> np.ndarray:
-    """`values` as a new float array of the same shape, NaN and infinities included; ValueError for what is not real numbers."""
+    """`values` as a new float array of the same shape, NaN and infinities included; ValueError unless they are real numbers."""
     array = np.asarray(values)
     if array.dtype.kind not in "fiu":
         raise ValueError(f"{what} holds {array.dtype}, not real numbers: give floats")

@@ -1,4 +1,4 @@
-"""One sentence when numerical kernels are compiled, which happens once on a computer, so that the wait has a reason."""
+"""One message when numerical kernels are compiled, once per computer, to explain the wait."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ _notify: Callable[[str], None] | None = None
 
 
 def announce(notify: Callable[[str], None] | None) -> None:
-    """`notify` is called once in this process, when kernels are compiled, and not where they come from the cache; None: by nobody."""
+    """Call `notify` once in this process when kernels are compiled, not when they come from the cache; None: no call."""
     global _notify
     _notify = notify
 
@@ -34,5 +34,5 @@ def _compiling(data: Any) -> None:
     if notify is None:
         return
     place = getattr(getattr(data.get("dispatcher"), "_cache", None), "cache_path", None)
-    kept = f"they are kept in {place}" if place else "they are not kept, as no folder for them can be written"
+    kept = f"they are kept in {place}" if place else "they are not kept, because no cache folder is writable"
     notify(f"compiling numerical kernels for this computer, some seconds of processor time; {kept}")

@@ -1,7 +1,7 @@
-"""Passive physics of a MuJoCo model that an arm does not have: named where the model is read, and taken out of what is exported.
+"""Passive physics of a MuJoCo model that an arm cannot have: named when the model is read, removed from exports.
 
-An arm's dry and viscous friction, springs and reflected inertia are numbers of its joints, its bodies have their whole weight, and nothing
-but its drives and its effects acts on it. Its joints move independently of each other.
+An arm's dry and viscous friction, springs and reflected inertia are parameters of its joints. Its bodies have their full
+weight, and only its drives and effects act on it. Its joints move independently of each other.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ FLUID = ("density", "viscosity", "wind")
 
 
 def foreign_physics(model: mujoco.MjModel) -> list[str]:
-    """What the model has and an arm has not, each with its place and MuJoCo's name for it."""
+    """What the model has and an arm cannot have, each with its place and MuJoCo's name for it."""
     kinds = mujoco.mjtObj
 
     def names(kind: mujoco.mjtObj, found: np.ndarray) -> str:
@@ -33,11 +33,11 @@ def foreign_physics(model: mujoco.MjModel) -> list[str]:
     rows = (
         ("gravcomp of body", names(kinds.mjOBJ_BODY, model.body_gravcomp != 0)),
         (
-            "higher terms of damping of joint",
+            "higher-order damping of joint",
             names(kinds.mjOBJ_JOINT, np.any(model.dof_dampingpoly[model.jnt_dofadr] != 0, axis=1)),
         ),
-        ("higher terms of stiffness of joint", names(kinds.mjOBJ_JOINT, np.any(model.jnt_stiffnesspoly != 0, axis=1))),
-        ("higher terms of damping of actuator", names(kinds.mjOBJ_ACTUATOR, np.any(model.actuator_dampingpoly != 0, axis=1))),
+        ("higher-order stiffness of joint", names(kinds.mjOBJ_JOINT, np.any(model.jnt_stiffnesspoly != 0, axis=1))),
+        ("higher-order damping of actuator", names(kinds.mjOBJ_ACTUATOR, np.any(model.actuator_dampingpoly != 0, axis=1))),
         (
             "stiffness, damping, armature and friction of tendon",
             names(kinds.mjOBJ_TENDON, tendons & own) if model.ntendon else "",
@@ -49,7 +49,10 @@ def foreign_physics(model: mujoco.MjModel) -> list[str]:
 
 
 def without_foreign_physics(root: Element) -> None:
-    """Take it out of the model text `root`; damping and stiffness of joints keep their linear term."""
+    """Remove it from the model text `root`; the damping of actuators keeps its linear term.
+
+    `sim.mujoco_export` reduces damping and stiffness of joints to their linear terms.
+    """
     for option in root.findall("option"):
         for key in FLUID:
             option.attrib.pop(key, None)

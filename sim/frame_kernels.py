@@ -1,4 +1,4 @@
-"""Where joint frames stand, and how fast points of links move, over many samples, compiled by Numba; called only by `sim.rigid_body`."""
+"""Poses of joint frames and speeds of link points over many samples, compiled by Numba; called only by `sim.rigid_body`."""
 
 from __future__ import annotations
 
@@ -61,9 +61,9 @@ def frames(parent, rotation, position, axis, prismatic, chain, q, world_r, world
 
 @numba.njit(cache=True)
 def point_speeds(parent, rotation, position, axis, prismatic, chain, links, begins, points, radii, q, dq, width, asked, out):  # type: ignore[no-untyped-def]
-    """out (N, S): the largest of |J dq| + sum_j |J_j| width_j over balls of radii (S,) about points[begins[s]:begins[s + 1]] in links (S,).
+    """out (N, S): the largest of |J dq| + sum_j |J_j| width_j over a body's balls: radii (S,), points (P, 3) in links (S,).
 
-    Only where asked (N, S); width (N, n) may be zero.
+    Body s has points[begins[s]:begins[s + 1]]. Computed only where asked (N, S); width (N, n) may be zero.
     """
     n = len(parent)
     world_r, world_p, axes, turned = np.empty((n, 3, 3)), np.empty((n, 3)), np.empty((n, 3)), np.empty((3, 3))
@@ -97,7 +97,7 @@ def point_speeds(parent, rotation, position, axis, prismatic, chain, links, begi
                     vx, vy, vz = vx + jx * dq[k, j], vy + jy * dq[k, j], vz + jz * dq[k, j]
                     more += (np.sqrt(jx * jx + jy * jy + jz * jz) + radius * rate) * width[k, j]
                 speed = np.sqrt(vx * vx + vy * vy + vz * vz) + turning + more
-                # a speed that is not a number stays one
+                # a NaN speed stays NaN
                 if speed > most or np.isnan(speed):
                     most = speed
             out[k, s] = most

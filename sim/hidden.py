@@ -1,4 +1,4 @@
-"""The arm as an emulation has it: with effects that the tool under test knows nothing of."""
+"""The arm that an emulation simulates: with effects unknown to the program under test."""
 
 from __future__ import annotations
 
@@ -9,7 +9,10 @@ from sim.errors import ConfigError
 
 
 def with_hidden_effects(arm: Arm, cell: Cell) -> Arm:
-    """`arm` with the effects of the cell's [emulation]; ConfigError with the cell's file where one is unknown, incomplete or out of range."""
+    """`arm` with the effects of the cell's [emulation].
+
+    ConfigError names the cell file if one is unknown, incomplete or out of range.
+    """
     for item in cell.table.emulation.effects:
         try:
             arm = with_effect(arm, ArmEffect(item.effect, item.joint, dict(item.parameters)))

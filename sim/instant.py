@@ -1,4 +1,4 @@
-"""The torque path at one instant, for effects that are applied as time goes on."""
+"""The torque path at one instant, for effects that are applied step by step."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from sim.torque_path import PathState
 
 
 def instant(time: float, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray, torque: np.ndarray | None = None) -> PathState:
-    """A path of one sample with q dq ddq (n,) of the motors, no load yet, slip as the speed has it, and torque (n,) N m or none."""
-    # one array for all: this is called at every step of a simulation
+    """Path of one sample at q dq ddq (n,) of the motors: zero load, slip as the sign of the speed, torque (n,) N m or zero."""
+    # one array for all rows: this is called at every step of a simulation
     rows = np.zeros((12, 1, len(q)))
     rows[0:2], rows[2:4], rows[4:6], rows[6], rows[7] = q, dq, ddq, SLIP_WIDTH, 1.0
     np.sign(dq, out=rows[8, 0])
@@ -28,6 +28,6 @@ def instant(time: float, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray, torque:
 
 
 def apply_all(state: PathState, effects: Iterable[tuple[Effect, int | None, ArmEffect]]) -> None:
-    """Let each effect add what it does to its joint."""
+    """Apply each effect to the path at its joint."""
     for effect, joint, item in effects:
         effect.apply(state, joint, item.parameters)

@@ -1,4 +1,4 @@
-"""Arithmetic of intervals: what comes out holds every value that the operation can have for values of what goes in."""
+"""Interval arithmetic: the result contains every value that the operation can have for values of the operands."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class Interval:
 
     @classmethod
     def zeros(cls, shape: tuple[int, ...]) -> Self:
-        """Zero and nothing else."""
+        """Intervals that contain only zero."""
         return cls(np.zeros(shape), np.zeros(shape))
 
     @property
@@ -64,23 +64,23 @@ class Interval:
         return Interval(least, self.magnitude)
 
     def within(self, lo: float, hi: float) -> Interval:
-        """What of it may lie from lo to hi."""
+        """Both bounds clipped to [lo, hi]."""
         return Interval(np.clip(self.lo, lo, hi), np.clip(self.hi, lo, hi))
 
     def hull(self, other: Interval) -> Interval:
-        """The least interval that holds both."""
+        """The smallest interval that contains both."""
         return Interval(np.minimum(self.lo, other.lo), np.maximum(self.hi, other.hi))
 
     def wider(self, share: np.ndarray | float) -> Interval:
-        """Each value may be so large a share of the largest |x| larger or smaller."""
+        """Each bound moved outwards by `share` of the largest |x|."""
         more = share * self.magnitude
         return Interval(self.lo - more, self.hi + more)
 
     def copy(self) -> Interval:
-        """With arrays of its own."""
+        """A copy with arrays of its own."""
         return Interval(self.lo.copy(), self.hi.copy())
 
 
 def sine(x: Interval) -> Interval:
-    """Bounds of sin(x): its middle's, as far beside as x is wide."""
+    """Bounds of sin(x): sin of the middle +- half the width of x, within [-1, 1]."""
     return Interval.around(np.sin(x.middle), np.minimum(x.half, 2.0)).within(-1.0, 1.0)

@@ -1,4 +1,4 @@
-"""The effects that an arm.toml lists: checked against the catalogue, and those that are bodies made part of the arm's model."""
+"""Effects that an arm.toml lists: checked against the catalogue; those that change bodies become part of the arm's model."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from sim.tree import KinematicTree
 
 
 def with_listed(arm: Arm, listed: Collection[EffectTable], file: Path) -> Arm:
-    """The arm with the effects of `file`: a payload, a tilted base and another link in its model, all others beside it.
+    """The arm with the effects of `file`: a payload, a tilted base or a changed link in its model, all others in its effects.
 
-    ConfigError where the catalogue or the arm does not know an effect, a parameter is out of its bounds, or the model says otherwise.
+    ConfigError if the catalogue or the arm does not know an effect, a parameter is out of bounds, or the model contradicts it.
     """
     native = {e.key for e in arm.effects}
     arm = replace(arm, effects=_all_effects(listed, arm.tree, file))
@@ -40,7 +40,7 @@ def _with_bodies(arm: Arm, bodies: Collection[ArmEffect]) -> Arm:
 
 
 def _all_effects(listed: Iterable[EffectTable], tree: KinematicTree, file: Path) -> tuple[ArmEffect, ...]:
-    """The model's effects, then those of arm.toml; one that stands in both must say the same, and brings its std."""
+    """The model's effects, then those of arm.toml; one in both must have the same values, and gets its std from arm.toml."""
     from_model = dict(effects := {e.key: e for e in model_effects(tree)})
     for item in listed:
         key, parameters = (item.effect, item.joint), dict(item.parameters)
@@ -48,7 +48,7 @@ def _all_effects(listed: Iterable[EffectTable], tree: KinematicTree, file: Path)
             raise ConfigError(f"{file}: effects: {item.effect}: joint {item.joint!r}; {nearest(item.joint, tree.joint_names)}")
         own = from_model.pop(key, None)
         if own is None and key in effects:
-            raise ConfigError(f"{file}: effects: {item.effect} of {item.joint or 'the arm'} stands there twice; keep one")
+            raise ConfigError(f"{file}: effects: {item.effect} of {item.joint or 'the arm'} is listed twice; keep one")
         if own is not None and not _same(own.parameters, parameters):
             raise ConfigError(
                 f"{file}: effects: {item.effect} of {item.joint} is {parameters}, but the model file has {own.parameters}; "

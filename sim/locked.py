@@ -1,4 +1,4 @@
-"""An arm with fewer joints: those that are held still become part of the link that carries them."""
+"""An arm with fewer joints: a joint held still makes its link part of the link that carries it."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ MORE_ROWS = ("stiffness", "springref", "q_min", "q_max", "dq_max", "tau_max")
 
 
 def locked(tree: KinematicTree, held: Mapping[str, float]) -> KinematicTree:
-    """The tree whose joints `held` (name -> rad, or m of a slide) stand still: their links' bodies and shapes join the parent's.
+    """The tree with the joints `held` (name -> rad, or m of a slide) fixed: their links' bodies and shapes join the parent's.
 
-    A link that joins the base keeps its shapes and loses its mass, which no torque of the arm feels.
+    A link that joins the base keeps its shapes and loses its mass, which has no effect on any joint torque.
     """
     rows = {key: getattr(tree, key).copy() for key in (*ROWS, *MORE_ROWS)}
     shapes = list(tree.shapes)

@@ -1,4 +1,4 @@
-"""Mesh files of any kind that robots are published with, as STL in metres, which MuJoCo reads. The only file that calls trimesh."""
+"""Mesh files in the formats used for robots, as STL in metres for MuJoCo. Only this file calls trimesh."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ MAX_BYTES = 200_000_000
 
 
 def as_stl(source: Path, copy: Path) -> None:
-    """Write the triangles of a mesh file to `copy` as binary STL, in the file's unit of length (COLLADA states it; others are metres).
+    """Write the triangles of a mesh file to `copy` as binary STL in metres (COLLADA states its unit; others are taken as metres).
 
-    ConfigError where the file is of another kind, too large, has no triangles, or one that is not finite.
+    ConfigError if the file has another format, is too large, cannot be read, has no triangles or a corner that is not finite.
     """
     import trimesh
 
@@ -26,7 +26,7 @@ def as_stl(source: Path, copy: Path) -> None:
     try:
         scene = trimesh.load_scene(source)
         mesh = scene.to_mesh()
-    except Exception as error:  # readers of ten formats raise what they like at a damaged file
+    except Exception as error:  # the readers of these formats may raise anything for a damaged file
         raise ConfigError(f"mesh {source}: cannot be read ({type(error).__name__}: {error}); export it again") from error
     unit = str(scene.metadata.get("units") or scene.units or "")
     if unit.endswith(" * meters"):

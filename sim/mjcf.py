@@ -13,9 +13,9 @@ from sim.effects import JointSize, Mjcf, Stage, driven_by, effect_named
 from sim.errors import ConfigError
 from sim.tree import KinematicTree
 
-# Soft joints get a rotor body of their own; the link's body hangs on it by a second hinge of this name.
+# A soft joint gets a motor body of its own; a second hinge of this name attaches the link's body to it.
 TWIST = "{joint}:twist"
-STEP, SOFT_STEP = 0.001, 0.0005  # s of simulation, and where a gear is soft
+STEP, SOFT_STEP = 0.001, 0.0005  # s per simulation step, without and with a soft gear
 
 
 def numbers(values: Iterable[float] | np.ndarray) -> str:
@@ -36,7 +36,7 @@ def full_inertia(inertia: np.ndarray) -> list[float]:
 
 
 def plant_text(arm: Arm, timestep: float, obstacles: Iterable[BoxObstacle | PlaneObstacle | MeshObstacle] = ()) -> str:
-    """MJCF of the arm's tree with its native effects, one torque motor a joint, and boxes and planes to bump into."""
+    """MJCF of the arm's tree with its native effects, one torque motor per joint, and boxes and planes as obstacles."""
     tree = arm.tree
     root = ElementTree.Element("mujoco", model=arm.name)
     ElementTree.SubElement(root, "compiler", angle="radian", autolimits="true", inertiafromgeom="false")
@@ -106,13 +106,13 @@ def add_elements(root: ElementTree.Element, form: Mjcf, joint: str | None, befor
 
 
 def section(root: ElementTree.Element, name: str) -> ElementTree.Element:
-    """The first section of that name, made where the model has none."""
+    """The first section of that name, created if the model has none."""
     found = root.find(name)
     return ElementTree.SubElement(root, name) if found is None else found
 
 
 def joint_size(arm: Arm, joint: str) -> JointSize:
-    """What an exported form may depend on at that joint; a speed of 1 rad/s where nobody stated its limit."""
+    """Quantities at a joint that an exported form may depend on; the speed is 1 rad/s if its limit is not stated."""
     rotor, speed = arm.effect("rotor_inertia", joint), float(arm.dq_max[arm.joint_index(joint)])
     return JointSize(speed if np.isfinite(speed) else 1.0, rotor.parameters["inertia"] if rotor else 0.0)
 
@@ -128,7 +128,7 @@ def twists(arm: Arm) -> dict[str, Mapping[str, str]]:
 
 
 def least_rotor(twist: Mapping[str, str], step: float) -> float:
-    """kg m^2 that a motor behind a soft gear needs at a step h (s) of simulation: K h^2, one radian of its oscillation a step.
+    """K h^2, kg m^2: least motor inertia behind a soft gear at a step of h s, one radian of its oscillation per step.
 
     A massless motor on a spring has no equation of motion; below this the simulation diverges.
     """

@@ -1,4 +1,4 @@
-"""Range, motors and torque sensors of the joints of an exported MuJoCo model, as the arm has them."""
+"""Joint ranges, motor limits and torque sensors of an exported MuJoCo model, as the arm has them."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from sim.mjcf import numbers, section
 
 Element = ElementTree.Element
 READING = "calib_torque_{}"
-FINER = 8  # times a step may be shorter than the model's for its delays to be held
+FINER = 8  # factor by which a step may be shorter than the model's with its delays still covered
 LEAST_LIMIT = 1e-9  # N m: MuJoCo takes no force range of zero
 
 
 def set_range(element: Element, arm: Arm, model: mujoco.MjModel, j: int, degrees: bool) -> None:
-    """The arm's own range where the model has another or none."""
+    """Write the arm's joint range if the model has another or none."""
     span = np.array([arm.q_min[j], arm.q_max[j]])
     if np.isfinite(span).all() and not (model.jnt_limited[j] and np.allclose(span, model.jnt_range[j], rtol=1e-12, atol=1e-12)):
         turn = degrees and not arm.tree.prismatic[j]
@@ -25,7 +25,7 @@ def set_range(element: Element, arm: Arm, model: mujoco.MjModel, j: int, degrees
 
 
 def set_limit(model: mujoco.MjModel, elements: list[Element], motors: list[Element], limits: list[float]) -> None:
-    """The least of `limits`, N m at the joint, and of the motor's own; elements are the model's actuators, in its order."""
+    """Limit each motor to the least of `limits`, N m at the joint, and its own; elements: the model's actuators in order."""
     for motor in motors if limits else []:
         k = elements.index(motor)
         least = min(limits) / max(abs(float(model.actuator_gear[k, 0])), 1e-12)
@@ -38,7 +38,7 @@ def set_limit(model: mujoco.MjModel, elements: list[Element], motors: list[Eleme
 
 
 def add_readings(root: Element, own: list[Element], arm: Arm, delay: float, step: float) -> None:
-    """One sensor a motor for its force before the gear, as late as the arm's torque channel is."""
+    """Add one sensor per motor for its force before the gear, with the delay of the arm's torque channel."""
     late = (
         {"delay": repr(delay), "nsample": str(int(np.ceil(delay * FINER / step)) + 2), "interp": "linear"} if delay > 0 else {}
     )

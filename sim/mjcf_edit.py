@@ -1,4 +1,4 @@
-"""Change numbers in an arm's own MJCF text and leave everything else as it stands: meshes, materials, names, comments."""
+"""Edits of numbers in an arm's own MJCF text; everything else stays as it is: meshes, materials, names, comments."""
 
 from __future__ import annotations
 
@@ -32,10 +32,11 @@ def edited(
     payload: Inertial | None = None,
     effects: Iterable[ArmEffect] = (),
 ) -> str:
-    """`text` with every number in which `after` differs from `before`, the tree that `model` was compiled to.
+    """`text` with every number changed in which `after` differs from `before`, the tree that `model` was compiled to.
 
-    payload: mass kg, com (3,) m, inertia (3, 3) kg m^2 about it, a body of its own on the last link (see PAYLOAD), beside `after`.
-    effects: those that MuJoCo has as elements of their own (ripple, bias) replace the ones written earlier.
+    payload: mass kg, com (3,) m, inertia (3, 3) kg m^2 about it; a separate body on the last link (see PAYLOAD), not part of
+    `after`.
+    effects: those that MuJoCo has as separate elements (ripple, bias) replace the ones written earlier.
     """
     root = ElementTree.fromstring(text, ElementTree.XMLParser(target=ElementTree.TreeBuilder(insert_comments=True)))
     bodies = bodies_of(root)
@@ -65,11 +66,11 @@ def edited(
 
 def actuators_of(root: Element) -> list[Element]:
     """The elements of the model's actuators, in the order of the compiled model."""
-    return [e for place in root.findall("actuator") for e in place if isinstance(e.tag, str)]  # a comment's tag is none
+    return [e for place in root.findall("actuator") for e in place if isinstance(e.tag, str)]  # a comment's tag is not text
 
 
 def in_degrees(root: Element) -> bool:
-    """Whether the text gives angles in degrees, as MJCF does where nothing else is said."""
+    """Whether the text gives angles in degrees, the default of MJCF."""
     return not any(c.get("angle") == "radian" for c in root.findall("compiler"))
 
 
@@ -84,7 +85,7 @@ def bodies_of(root: Element) -> list[tuple[Element, Element]]:
 
 
 def _own(body: Element) -> Iterable[Element]:
-    """The elements of a body itself, those in its <frame>s included, without its child bodies."""
+    """Child elements of a body, including those in its <frame>s, without descending into child bodies."""
     for child in body:
         yield child
         if child.tag == "frame":
@@ -105,14 +106,14 @@ def _same_inertial(a: KinematicTree, b: KinematicTree, j: int) -> bool:
 
 
 def _shifted(tree: KinematicTree, j: int, joint_position: np.ndarray) -> KinematicTree:
-    """The tree with link j's centre of mass in its body's frame, which need not sit at the joint."""
+    """The tree with link j's centre of mass in its body's frame, whose origin need not be at the joint."""
     com = tree.com.copy()
     com[j] = com[j] + joint_position
     return replace(tree, com=com)
 
 
 def _set_inertial(body: Element, tree: KinematicTree, j: int) -> None:
-    """Give the link's whole inertia to its own body; bodies fixed to it, which had a share of it, keep none."""
+    """Give the link's whole inertia to its own body; bodies fixed to it, which had a share of it, get none."""
     for old in body.findall("inertial"):
         body.remove(old)
     add_inertial(body, tree, j)
@@ -139,7 +140,7 @@ def _set_joint(
 
 
 def _without_drives(root: Element, model: mujoco.MjModel) -> None:
-    """Actuators keep no armature and damping of their own: the joint has them, as it has in the tree."""
+    """Set armature and damping of actuators to zero: the joint has them, as in the tree."""
     motors = [e for place in root.findall("actuator") for e in place]
     for k in np.flatnonzero((model.actuator_armature != 0) | (model.actuator_damping != 0)):
         if len(motors) != model.nactuator:
@@ -160,7 +161,7 @@ def _set_gravity(root: Element, gravity: np.ndarray) -> None:
 
 
 def _add_payload(last: Element, payload: Inertial, joint_position: np.ndarray) -> None:
-    """Mount `payload` on the last link; what was mounted there by an earlier call stays, in one body with it."""
+    """Mount `payload` on the last link, combined with a payload mounted by an earlier call."""
     earlier = next((e for e in last.findall("body") if e.get("name") == PAYLOAD), None)
     if earlier is not None:
         last.remove(earlier)
@@ -169,7 +170,7 @@ def _add_payload(last: Element, payload: Inertial, joint_position: np.ndarray) -
     body = Element("body", {"name": PAYLOAD, "pos": numbers(joint_position)})
     moments, axes = possible_moments(
         inertia
-    )  # of points in a line one moment is zero, which MuJoCo takes as a principal moment only
+    )  # collinear points have one zero moment, which MuJoCo accepts only as a principal moment
     form = {"quat": numbers(quaternion(axes)), "diaginertia": numbers(moments)}
     body.append(Element("inertial", {"pos": numbers(com), "mass": numbers([mass]), **form}))
     last.append(body)

@@ -14,7 +14,7 @@ Element = ElementTree.Element
 
 
 def tree_text(tree: KinematicTree, name: str) -> str:
-    """MJCF of the tree: links, joints with range, friction, rotor and spring, collision shapes, a motor on each joint."""
+    """MJCF of the tree: links, joints with range, friction, reflected inertia and spring, collision shapes, and motors."""
     root = Element("mujoco", model=name)
     ElementTree.SubElement(root, "compiler", angle="radian", autolimits="true", inertiafromgeom="false")
     option = {"timestep": "0.001", "integrator": "implicitfast", "jacobian": "dense", "gravity": numbers(tree.gravity)}

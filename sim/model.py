@@ -1,4 +1,4 @@
-"""A model's text as MuJoCo compiles it, and the compiled model as numbers, which are checked again: MuJoCo replaces some bad values silently."""
+"""Compilation of a model's text by MuJoCo, and its numbers, checked again because MuJoCo replaces some bad values silently."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ MAX_MESH = 200_000_000  # bytes of one mesh file
 
 
 def compiled(text: str, folder: Path, name: str = "model") -> mujoco.MjModel:
-    """The text as MuJoCo compiles it, with the files it names from `folder`; ConfigError carries MuJoCo's own words."""
+    """The compiled text, with the files it names read from `folder`; ConfigError quotes MuJoCo's message."""
     try:
         assets = {file.name: read_bytes(file, MAX_MESH) for file in asset_files(text, folder).values()}
         with no_callback(), no_warnings():
@@ -34,7 +34,7 @@ def compiled(text: str, folder: Path, name: str = "model") -> mujoco.MjModel:
 
 @contextmanager
 def no_callback() -> Iterator[None]:
-    """No passive-force callback meanwhile: while one of Python is set, MuJoCo compiles no model (google-deepmind/mujoco#1376)."""
+    """Suspend the passive-force callback: with one in Python, MuJoCo compiles no model (google-deepmind/mujoco#1376)."""
     callback = mujoco.get_mjcb_passive()
     if callback is None:
         yield
@@ -48,7 +48,7 @@ def no_callback() -> Iterator[None]:
 
 @contextmanager
 def no_warnings() -> Iterator[None]:
-    """MuJoCo prints no warning meanwhile, and writes none to a file in the working folder; MjData.warning still counts them."""
+    """Suppress MuJoCo's printed warnings and its log file in the working folder; MjData.warning still counts them."""
     handler = mujoco.get_mju_user_warning()
     mujoco.set_mju_user_warning(lambda text: None)
     try:
@@ -86,7 +86,7 @@ def kinematic_tree(model: mujoco.MjModel, name: str = "model", most: int = MAX_J
             if int(model.jnt_type[j]) not in (HINGE, SLIDE):
                 raise ConfigError(f"{name}: joint {names[j]!r} is neither a hinge nor a slide; an arm has only those")
             parent[j] = link_of[up]
-            # the body stands as it is written where the joint reads `ref`; the frame here is that of q = 0
+            # the file gives the body's pose where the joint reads `ref`; the frame here is that at q = 0
             ref, along = model.qpos0[model.jnt_qposadr[j]], model.jnt_axis[j]
             slide = int(model.jnt_type[j]) == SLIDE
             turn = np.eye(3) if slide or ref == 0 else Rotation.from_rotvec(-ref * along).as_matrix()
@@ -119,7 +119,7 @@ def kinematic_tree(model: mujoco.MjModel, name: str = "model", most: int = MAX_J
 
 
 def of_actuators(model: mujoco.MjModel, values: np.ndarray) -> np.ndarray:
-    """(n,) at each joint of a number of every actuator, armature or damping: its value times the square of its gear ratio."""
+    """(n,) at each joint: sum of an actuator's armature or damping times the square of its gear ratio."""
     out = np.zeros(model.njnt)
     for a in np.flatnonzero(model.actuator_trntype == int(mujoco.mjtTrn.mjTRN_JOINT)):
         out[int(model.actuator_trnid[a, 0])] += values[a] * model.actuator_gear[a, 0] ** 2
@@ -127,10 +127,11 @@ def of_actuators(model: mujoco.MjModel, values: np.ndarray) -> np.ndarray:
 
 
 def _torque_limits(model: mujoco.MjModel) -> np.ndarray:
-    """(n,) N m: the smallest limit of force on each joint, NaN where the model has none.
+    """(n,) N m: the smallest force limit of each joint, NaN if the model has none.
 
-    A limit of force is the joint's actuatorfrcrange, an actuator's forcerange times its gear, and of a motor (force = gain * control,
-    nothing else) its control range times gain and gear. The control range of a position or velocity servo is no torque.
+    Force limits are the joint's actuatorfrcrange, an actuator's forcerange times its gear, and the control range of a motor
+    times gain and gear. A motor has force = gain * control and nothing else: the control range of a position or velocity servo
+    is not a torque.
     """
     out = np.full(model.njnt, np.inf)
     for k in np.flatnonzero(model.jnt_actfrclimited):
@@ -186,9 +187,10 @@ def _merged(
 
 
 def _shapes(model: mujoco.MjModel, link_of: np.ndarray, to_link: list[tuple[np.ndarray, np.ndarray]]) -> tuple[Shape, ...]:
-    """Shapes that take part in collision: those whose contype or conaffinity is set, standing ones included.
+    """Collision shapes: those with contype or conaffinity set, including those fixed to the world.
 
-    An ellipsoid is taken as the box around it. Planes and height fields stand in the world: the cell file has the surroundings.
+    An ellipsoid becomes the box around it. Planes and height fields fixed to the world are skipped: the cell file has the
+    surroundings.
     """
     kind_of = mujoco.mjtGeom
     names = {"capsule": kind_of.mjGEOM_CAPSULE, "sphere": kind_of.mjGEOM_SPHERE, "box": kind_of.mjGEOM_BOX}

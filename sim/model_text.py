@@ -1,6 +1,6 @@
-"""The text of a model file (MJCF or URDF), which is not trusted: size, DOCTYPE, numbers that are not finite, paths that leave the folder.
+"""Checks of an untrusted model file (MJCF or URDF): size, DOCTYPE, numbers that are not finite, paths that leave the folder.
 
-These checks come before any parser that compiles: MuJoCo replaces some bad values silently, and reads whatever file a path names.
+They come before compilation: MuJoCo replaces some bad values silently, and reads any file that a path names.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy as np
 from sim.errors import ConfigError
 from sim.files import read_text
 
-# name of the <custom> text by which an exported model has its effects
+# name of the <custom> text that holds the effects of an exported model
 EXPORTED = "calib_effects"
 MAX_BYTES = 20_000_000
 MAX_BODIES = 500
@@ -41,14 +41,14 @@ FILE_KEYS = ("file", "filename", "meshdir", "assetdir", "texturedir", "content_t
 
 
 def checked_text(path: Path, root: Path | None = None) -> str:
-    """The text of a model file after the checks that must come before any parser; paths must stay under `root`."""
+    """Text of a model file after the checks that must come before compilation; paths must stay under `root`."""
     root = (root or path.parent).resolve()
     text = read_text(path, MAX_BYTES, remedy="give a model file (.xml or .urdf), with meshes in files of their own")
     if re.search(r"<!DOCTYPE|<!ENTITY", text, re.IGNORECASE):
         raise ConfigError(f"{path}: has a DOCTYPE or ENTITY declaration; model files do not need one, remove it")
     depth = bodies = elements = 0
     within: list[str] = []
-    hardware = 0  # depth inside a <ros2_control> of a URDF, which names plugins of ROS and no part of the model
+    hardware = 0  # depth inside a <ros2_control> of a URDF, which names ROS plugins, not parts of the model
     try:
         for kind, element in ElementTree.iterparse(io.StringIO(text), events=("start", "end")):
             if kind == "end":
@@ -69,8 +69,8 @@ def checked_text(path: Path, root: Path | None = None) -> str:
                 )
             if element.tag == "text" and element.get("name") == EXPORTED:
                 raise ConfigError(
-                    f"{path}: is an export of calib, whose friction and gears are elements of MuJoCo and not numbers of the joints; "
-                    "give the arm that it was exported from"
+                    f"{path}: is an export of calib, whose friction and gears are MuJoCo elements, not parameters of the joints; "
+                    "give the arm from which it was exported"
                 )
             if not (hardware and element.tag == "plugin"):
                 _check_attributes(path, root, element, within[-1] if within else "")
@@ -108,12 +108,12 @@ def _check_attributes(path: Path, root: Path, element: ElementTree.Element, body
                 raise ConfigError(f"{where} {key}={value!r}: the number is too large; every number must be finite")
     mass = element.get("mass") or (element.get("value") if element.tag == "mass" else None)
     if mass is not None and _number(mass, 0.0) < 0:
-        raise ConfigError(f"{where} mass={mass}: a mass is not negative; write the real mass in kg")
+        raise ConfigError(f"{where} mass={mass}: a mass cannot be negative; write the real mass in kg")
     _check_inertia(where, element)
 
 
 def _check_inertia(where: str, element: ElementTree.Element) -> None:
-    """Principal moments must be positive and obey the triangle inequality (Traversaro et al. 2016, arXiv:1610.08703)."""
+    """Principal moments must not be negative and must obey the triangle inequality (Traversaro et al. 2016, arXiv:1610.08703)."""
     if element.get("diaginertia"):
         moments = np.array(_numbers(where, element, "diaginertia", 3))
     elif element.get("fullinertia"):
@@ -165,11 +165,9 @@ def asset_files(text: str, folder: Path) -> dict[str, Path]:
         candidates = [Path(place, name), Path(name), Path(place, Path(name).name), Path(Path(name).name)]
         relative = next((c for c in candidates if (folder / c).is_file()), None)
         if relative is None:
-            raise ConfigError(f"<{element.tag}> file {name!r} is not in {folder / place}; copy the file to there")
+            raise ConfigError(f"<{element.tag}> file {name!r} is not in {folder / place}; copy the file there")
         if relative.is_absolute() or ".." in relative.parts:
-            raise ConfigError(
-                f"<{element.tag}> file {str(relative)!r}: a path from the model's folder down, without .., is needed"
-            )
+            raise ConfigError(f"<{element.tag}> file {str(relative)!r}: give a path inside the model's folder, without ..")
         if not (folder / relative).resolve().is_relative_to(folder.resolve()):
             raise ConfigError(f"<{element.tag}> file {folder / relative} leaves the folder {folder}; copy the file into it")
         twin = next((p for p in found.values() if p.name == relative.name and p != folder / relative), None)

@@ -1,4 +1,4 @@
-"""Columns of torque: what the residual would look like if an effect were missing, from a recorded motion as a fit sees it."""
+"""Torque columns: the residual that a missing effect would cause along a recorded motion, filtered as in a fit."""
 
 from __future__ import annotations
 
@@ -19,10 +19,11 @@ Combine = Callable[[np.ndarray], dict[str, float]]
 
 
 class MotionView(Protocol):
-    """One recording under an arm's present parameters: the motion, the torque that they predict, and the filter of its rows.
+    """One recording with an arm's present parameters: the motion, the torque that they predict, and the filter of its rows.
 
     n joints; tree of the arm; link: the path up to the load on the gears; reading (N, n) rad of the encoders; regressor_rows
-    (R, n, 10 n) of the links, filtered; tau_hat (N, n) N m; starts: first sample of every stretch without a gap, and the number of samples.
+    (R, n, 10 n) of the links, filtered; tau_hat (N, n) N m; starts: first sample of every gap-free stretch, then the number of
+    samples.
     """
 
     @property
@@ -43,7 +44,7 @@ class MotionView(Protocol):
     def starts(self) -> np.ndarray: ...
 
     def own(self, effect: str, joint: int | None) -> Mapping[str, float] | None:
-        """The parameters with which the arm has an effect."""
+        """The arm's parameters of an effect, or None if it does not have it."""
 
     def torque_with(self, j: int, effect: str, values: Mapping[str, float]) -> np.ndarray:
         """tau (N,) N m of joint j if it had an effect behind the load with these parameters."""
@@ -55,14 +56,14 @@ class MotionView(Protocol):
         """Filtered rows (R, ...) of samples (N, ...)."""
 
     def kept(self, key: Hashable, rows: Callable[[], np.ndarray]) -> np.ndarray:
-        """Rows that were computed before under this key from the same motion and load of all joints, or now."""
+        """Rows cached under this key for the same motion and load of all joints; computed if missing."""
 
     def kept_of(self, j: int, key: Hashable, rows: Callable[[], np.ndarray]) -> np.ndarray:
-        """Rows that were computed before under this key from the same torque of joint j, or now."""
+        """Rows cached under this key for the same torque of joint j; computed if missing."""
 
 
 class JointColumns(Mapping[int, np.ndarray]):
-    """Joint index -> (R, k), computed where it is asked for: who knows the products of a candidate asks for none."""
+    """Joint index -> (R, k), computed on access: a caller that knows a candidate's products does not need them."""
 
     def __init__(self, joints: Collection[int], of: Callable[[int], np.ndarray]) -> None:
         self._joints, self._of = joints, of
@@ -79,11 +80,11 @@ class JointColumns(Mapping[int, np.ndarray]):
 
 @dataclass(frozen=True)
 class CandidateColumns:
-    """An effect tried at one place and from one start of its nonlinear parameters.
+    """An effect tried at one place, from one start of its nonlinear parameters.
 
     columns  per recording {joint index: (R, k) N m per unit of coefficient}, or the same as `JointColumns`
     combine  coefficients (k,) -> parameter values
-    spread   (k,) prior standard deviation of the coefficients, where some may not show at all; None: free
+    spread   (k,) prior standard deviation of the coefficients, if some may not show in the data at all; None: free
     """
 
     columns: Sequence[Mapping[int, np.ndarray]]
@@ -92,7 +93,7 @@ class CandidateColumns:
 
 
 def behind_the_load(effect: Effect, views: Sequence[MotionView], j: int) -> Iterator[CandidateColumns]:
-    """By the torque of joint j at each of the effect's probes."""
+    """Candidates by the torque of joint j, one for each of the effect's probes."""
     own = views[0].own(effect.name, j)
     for i, probe in enumerate(effect.probes(own)):
         if probe.points:
@@ -115,7 +116,7 @@ def _behind(effect: Effect, view: MotionView, i: int, probe: Probe, j: int) -> n
 
 
 def of_the_reading(effect: Effect, views: Sequence[MotionView], j: int) -> Iterator[CandidateColumns]:
-    """Errors of a position reading: the torque of all joints as of a posture that is a little off."""
+    """Candidates for errors of a position reading: change in the torque of all joints for a slightly wrong posture."""
     own = views[0].own(effect.name, j)
     drive = tuple(
         tuple(values.items()) for name in ("rotor_inertia", "viscous_friction") if (values := views[0].own(name, j)) is not None
@@ -137,13 +138,13 @@ def of_the_reading(effect: Effect, views: Sequence[MotionView], j: int) -> Itera
 
 
 def by_joint(view: MotionView, rows: Callable[[], np.ndarray]) -> JointColumns:
-    """Rows (R, n, k), which are asked for once -> per joint (R, k)."""
+    """Columns per joint (R, k) from rows (R, n, k), which are computed once."""
     whole = cache(rows)
     return JointColumns(range(view.n), lambda j: whole()[:, j])
 
 
 def of_all_joints(view: MotionView, key: Hashable, samples: Callable[[], np.ndarray]) -> JointColumns:
-    """Samples (N, n, k) that depend on the link side, and on what the key says, alone -> rows (R, k) per joint."""
+    """Rows (R, k) per joint from samples (N, n, k) that depend only on the link side and on what the key names."""
     return by_joint(view, lambda: view.kept(key, lambda: view.rows(samples())))
 
 

@@ -1,6 +1,6 @@
 """An arm as a MuJoCo model with every effect: native elements where plain MuJoCo has one, the rest as a table inside the model.
 
-The table is the text `calib_effects` of <custom>: `calib.mujoco` reads it and does what no element does.
+The table is the <custom> text `calib_effects`: `calib.mujoco` reads it and simulates what no element can.
 """
 
 from __future__ import annotations
@@ -36,14 +36,14 @@ Element = ElementTree.Element
 DRY, WORLD, LAST = "calib_dry_friction_{}", "calib_world", "calib_last_link"
 # the stiffest bristle of a joint of inertia M at a step h: its natural frequency is a quarter of 1/h
 STIFFEST = 0.25**2
-# steps of the bristle's own relaxation: MuJoCo takes the deflection of the step before, which is a damping of -stiffness * step; with less than
-# this against it a joint that stands under load vibrates and creeps by 1 mrad/s
+# bristle damping in units of stiffness * step. MuJoCo uses the deflection of the previous step, which acts as a damping of -stiffness * step;
+# with less than this against it, a joint at rest under load vibrates and creeps by 1 mrad/s
 DAMPING = 1.5
 
 
 @dataclass(frozen=True)
 class ExportedModel:
-    """MJCF text, the files it names (path beside it -> file), the table of its effects, and what of its source no arm has and it has not."""
+    """MJCF text, the files it names (path beside it -> file), the table of its effects, and the foreign physics removed."""
 
     text: str
     files: dict[str, Path]
@@ -59,7 +59,7 @@ class _Entry:
 
 
 def exported_model(arm: Arm) -> ExportedModel:
-    """The arm for MuJoCo, actuator k of ctrl as in the arm's own model; every effect that adds an element leaves ctrl as it is."""
+    """The arm for MuJoCo, with ctrl as in the arm's own model: the elements of effects add no entries."""
     entries = []
     for item in arm.effects:
         effect = effect_named(item.effect)
@@ -95,7 +95,7 @@ def exported_model(arm: Arm) -> ExportedModel:
         limits = [e.form.limit for e in here if e.form.limit is not None]
         if np.isfinite(arm.tau_max[j]) and not np.isclose(arm.tau_max[j], arm.tree.tau_max[j]):
             limits.append(float(arm.tau_max[j]))
-        if model.jnt_actfrclimited[j]:  # it would clip what the passive elements add, too
+        if model.jnt_actfrclimited[j]:  # it would also clip what the passive elements add
             element.set("actuatorfrclimited", "false")
             limits.append(float(np.abs(model.jnt_actfrcrange[j]).min()))
         set_limit(model, elements, motors, limits)
@@ -129,7 +129,7 @@ def exported_model(arm: Arm) -> ExportedModel:
 
 
 def _states(root: Element, arm: Arm) -> int:
-    """How many states the model's motors have."""
+    """Number of activation states of the model's motors."""
     bare = deepcopy(root)
     for place in bare.findall("keyframe"):
         bare.remove(place)
@@ -144,7 +144,7 @@ def _table(
     gears: dict[str, _Entry],
     raised: dict[str, float],
 ) -> dict[str, Any]:
-    """What `calib.mujoco` reads, and what `calib export` says: each effect with its parameters, form, element and error."""
+    """Table that `calib.mujoco` reads and `calib export` reports: each effect with its parameters, form, element and error."""
     rows = []
     for entry in entries:
         item, form = entry.item, entry.form
@@ -158,7 +158,7 @@ def _table(
                 f"reflected inertia raised to {raised[item.joint]:.2g} kg m^2: the simulation step needs it behind this gear"
             )
         if "stiffness" in form.dry and dry.get(item.joint or "", {}).get("softened"):
-            error = f"softened to {dry[item.joint or '']['stiffness']:.3g} N m/rad, which the simulation step allows"
+            error = f"softened to {dry[item.joint or '']['stiffness']:.3g} N m/rad, the limit of the simulation step"
         rows.append({
             "effect": item.effect, "joint": item.joint, "parameters": item.parameters, "form": kind, "how": how,
             "error": error, "shapes": "excess" in form.dry or "stiffness" in form.dry,
@@ -178,14 +178,14 @@ def _how(form: Exported, item: ArmEffect, dry: dict[str, dict[str, Any]]) -> str
 
 
 def _inertia(arm: Arm) -> np.ndarray:
-    """(n,) kg m^2 that each joint moves at least: its rotor, and the links where they hang straight, the others held."""
+    """Least inertia (n,) kg m^2 at each joint: its reflected inertia, plus the links at q = 0 with the other joints free."""
     rotors = [joint_size(arm, joint).rotor for joint in arm.joint_names]
     mass = RigidBody(arm).mass_matrix(np.zeros(arm.n))
     return np.array(rotors) + 1 / np.diag(np.linalg.inv(mass))
 
 
 def _dry_friction(here: list[_Entry], inertia: float, step: float, tau_max: float) -> dict[str, Any] | None:
-    """The LuGre element of a joint whose dry friction is more than a level; None where frictionloss has it all."""
+    """LuGre element of a joint whose dry friction is more than a constant level; None if frictionloss expresses all of it."""
     shares: dict[str, float] = {}
     for entry in here:
         shares |= entry.form.dry
@@ -209,7 +209,7 @@ def _dry_friction(here: list[_Entry], inertia: float, step: float, tau_max: floa
 
 
 def _set_option(root: Element, step: float) -> None:
-    """Passive actuators and stiff friction want implicitfast and a step of a millisecond at most."""
+    """Set integrator and step: passive actuators and stiff friction need implicitfast and at most a millisecond."""
     option = section(root, "option")
     for other in root.findall("option"):
         for key in ("timestep", "integrator"):
@@ -221,7 +221,7 @@ def _set_option(root: Element, step: float) -> None:
 def _add_forces(
     root: Element, model: mujoco.MjModel, bodies: dict[str, tuple[Element, Element]], actuators: Element, entries: list[_Entry]
 ) -> None:
-    """A constant force in the world on the origin of the last link."""
+    """Add a constant force in the world on the origin of the last link."""
     forces = [e.form.force for e in entries if e.form.force is not None]
     if not forces:
         return

@@ -1,4 +1,4 @@
-"""From a model file as it is found to an arm that can be worked with: its joints chosen, and everything that it lacks requested by name."""
+"""From a published model file to a usable arm: its joints are chosen, and everything missing is requested by name."""
 
 from __future__ import annotations
 
@@ -28,18 +28,16 @@ from sim.ros_urdf import NO_MASS, reduced_urdf
 from sim.size import sized
 from sim.tree import KinematicTree
 
-# two links of two joints may be a gripper's fingers; a third branch is no arm either
-FINGER = 0.15
+FINGER = 0.15  # m: a last joint that slides by less may be a gripper's finger
 ROBOT = 300  # joints of a whole robot, of which the arm is a part
-# turns of a joint: drives of several turns are within, and a file in degrees beyond with any joint that moves by more than 63 degrees
-MOST_TURNS = 10
+MOST_TURNS = 10  # of a joint: more than multi-turn drives have; any range above 63 degrees exceeds it if written in degrees
 
 
 @dataclass
 class Choice:
-    """What of a model file is the arm: `joints` are names or patterns of those that move (all, if empty), `lock` of those that
-    stand still and where (rad or m), `tool` a link: the joints between the base and it are the arm's. no_shapes waives shapes whose
-    mesh is not there; hulls: meshes are held by convex pieces, else by capsules."""
+    """Which part of a model file is the arm. joints: names or patterns of the joints that move (all if empty). lock: those held
+    still, and where (rad or m). tool: a link; the arm's joints are those between it and the base. no_shapes: accept shapes
+    without their mesh. hulls: enclose meshes in convex pieces instead of capsules."""
 
     joints: Sequence[str] = ()
     lock: Mapping[str, float] = field(default_factory=dict)
@@ -51,9 +49,10 @@ class Choice:
 
 
 def read_model(file: Path, staging: Path, root: Path | None = None, choice: Choice | None = None) -> tuple[Arm, list[str]]:
-    """The arm in a model file, and a sentence for all that was left out, held still or not found.
+    """The arm in a model file, and a sentence for everything left out, held still or not found.
 
-    A URDF is reduced to links and joints first (sim.ros_urdf), its meshes copied to `staging`. ConfigError names what is missing.
+    A URDF is first reduced to links and joints (sim.ros_urdf), its meshes copied to `staging`. ConfigError names what is
+    missing.
     """
     choice = choice or Choice()
     notes: list[str] = []
@@ -85,19 +84,19 @@ def read_model(file: Path, staging: Path, root: Path | None = None, choice: Choi
     massless = [kept.link_names[j] for j in range(kept.n) if kept.mass[j] <= 10 * NO_MASS]
     if massless and not choice.geometry_only:
         raise ConfigError(
-            f"{file}: no mass of {', '.join(massless)}; give the links their <inertial>, or say --geometry-only: then only the "
-            "geometry counts, the masses are unknown to every fit, and a motion waits until they are identified"
+            f"{file}: no mass for {', '.join(massless)}; give the links their <inertial>, or use --geometry-only: then only the "
+            "geometry counts, every fit treats the masses as unknown, and no motion is possible until they are identified"
         )
     numbers: Numbers | None = "unknown" if choice.geometry_only else choice.numbers
     if choice.geometry_only:
         kept = sized(kept)
-        notes.append("masses and inertias are unknown: those in the model are stand-ins, made from the arm's size")
+        notes.append("masses and inertias are unknown: those in the model are placeholders derived from the arm's size")
     if whole is None or kept is not whole.tree:
         meshes = sum(s.kind == "mesh" for s in kept.shapes)
         kept = with_pieces(kept, choice.hulls)
         if meshes:
             notes.append(
-                f"{meshes} collision meshes are held by {'convex pieces' if choice.hulls else 'capsules'}; the arm has {len(kept.shapes)} shapes"
+                f"{meshes} collision meshes are enclosed in {'convex pieces' if choice.hulls else 'capsules'}; the arm has {len(kept.shapes)} shapes"
             )
         staged = staging / "model.xml"
         staged.write_text(tree_text(kept, name), encoding="utf-8")
@@ -107,7 +106,7 @@ def read_model(file: Path, staging: Path, root: Path | None = None, choice: Choi
 
 
 def drive_arm(name: str, joint: str, load: tuple[float, float] | None, unknown: bool, staging: Path) -> Arm:
-    """One drive on a bench as an arm of one joint (sim.bench_drive); a load that is given counts as measured."""
+    """One drive on a bench as an arm of one joint (sim.bench_drive); a given load counts as measured."""
     tree = bench_drive(joint, load, unknown)
     file = staging / "model.xml"
     file.write_text(tree_text(tree, name), encoding="utf-8")
@@ -133,7 +132,7 @@ def _held(
         held[joint] = multiplier * held.get(driver, 0.0) + offset
         notes.append(
             f"joint {joint} follows {driver}: it is held still at {held[joint]:g}, because the joints of an arm move independently here"
-            + ("" if driver in held else f", also while {driver} moves; where that moves a large mass the model is wrong by it")
+            + ("" if driver in held else f", even while {driver} moves; if that moves a large mass, the model is wrong by it")
         )
     if len(held) == tree.n:
         raise ConfigError(f"{file}: no joint is left to move; it has {', '.join(tree.joint_names)}")
@@ -158,22 +157,22 @@ def _chain(file: Path, tree: KinematicTree, link: str, parents: Mapping[str, str
 
 
 def _check_chain(file: Path, tree: KinematicTree, choice: Choice, notes: list[str]) -> None:
-    """ConfigError where links branch and nobody stated that all of them are the arm's; a note where the last joint looks like a finger's."""
+    """ConfigError if links branch and no joints were chosen; a note if the last joint looks like a gripper's finger."""
     for link in range(-1, tree.n):
         branches = [tree.joint_names[k] for k in np.flatnonzero(tree.parent == link)]
         if len(branches) > 1 and not choice.joints:
             where = tree.link_names[link] if link >= 0 else "the base"
             raise ConfigError(
-                f"{file}: joints {' and '.join(branches)} both hang on {where}; an arm is one chain. Say with --tool LINK where it "
+                f"{file}: joints {' and '.join(branches)} are both attached to {where}; an arm is one chain. Say with --tool LINK where it "
                 f"ends, with --joints which move, or with --lock which stand still (all joints: {', '.join(tree.joint_names)})"
             )
     last = tree.n - 1
     if tree.n > 1 and tree.prismatic[last] and not tree.prismatic[:last].any() and tree.q_max[last] - tree.q_min[last] < FINGER:
-        notes.append(f"joint {tree.joint_names[last]} slides at the end of the arm; a gripper's finger is left out with --lock")
+        notes.append(f"joint {tree.joint_names[last]} slides at the end of the arm; leave out a gripper's finger with --lock")
 
 
 def _check_radians(file: Path, tree: KinematicTree) -> None:
-    """ConfigError for a range of so many turns that its numbers are those of degrees; beyond any in degrees it stands for none."""
+    """ConfigError for a range of so many turns that it must be in degrees; one too large even for degrees means no limit."""
     span = np.where(tree.prismatic, 0.0, tree.q_max - tree.q_min)
     for j in np.flatnonzero((span > 2 * np.pi * MOST_TURNS) & (span <= 360 * MOST_TURNS)):
         raise ConfigError(
@@ -186,7 +185,7 @@ def _check_possible(
     file: Path, impossible: Mapping[str, np.ndarray], tree: KinematicTree, parents: Mapping[str, str], choice: Choice,
     notes: list[str],
 ) -> None:  # fmt: skip
-    """ConfigError for an inertia of a moving link that no body has, unless the numbers are only guessed: then the nearest stands there."""
+    """ConfigError for an inertia of a moving link that no body has; if the numbers are guesses, a note: the nearest is used."""
     for link, moments in impossible.items():
         home = link
         while home not in tree.link_names and home in parents:
@@ -198,14 +197,14 @@ def _check_possible(
         )
         if choice.numbers != "guessed":
             raise ConfigError(
-                f"{file}: {what} (none is negative, and two add up to more than the third); correct it, or say --numbers guessed: "
-                "then the nearest possible one stands there"
+                f"{file}: {what} (none may be negative, and any two must add up to the third); correct it, or use --numbers guessed: "
+                "then the nearest possible one is used"
             )
-        notes.append(f"{what}; the nearest possible one stands there")
+        notes.append(f"{what}; the nearest possible one is used")
 
 
 def _followers(model: mujoco.MjModel) -> dict[str, tuple[str, float, float]]:
-    """Joints that an equality of MJCF ties to another joint, or that are in a loop that one closes."""
+    """Joints that an MJCF equality ties to another joint or to a constant: joint -> driver, multiplier, offset."""
     out = {}
     names = [mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_JOINT, j) or f"joint_{j}" for j in range(model.njnt)]
     for e in range(model.neq):
@@ -232,7 +231,7 @@ def _urdf_parents(text: str) -> dict[str, str]:
 
 
 def _name(file: Path, text: str, notes: list[str]) -> str:
-    """What a URDF calls its robot, else what its file is called; a note where the robot's name is none for an arm."""
+    """Name of a URDF's robot, or that of its file, with a note, if the robot's name is not valid for an arm."""
     from xml.etree import ElementTree
 
     stated = ElementTree.fromstring(text).get("name", "")
@@ -240,11 +239,11 @@ def _name(file: Path, text: str, notes: list[str]) -> str:
         return stated
     name = file.stem if is_name(file.stem) else "arm"
     notes.append(
-        f"{printable(stated)!r} can be no arm's name (letters, digits, dots, dashes, underscores); it is {name} unless --name says else"
+        f"{printable(stated)!r} cannot be an arm's name (letters, digits, dots, dashes, underscores); it is {name} unless --name gives another"
     )
     return name
 
 
 def staging_folder() -> tempfile.TemporaryDirectory[str]:
-    """A folder for copies of meshes, gone when it is left."""
+    """A temporary folder for copies of meshes, deleted at the end of its context."""
     return tempfile.TemporaryDirectory(prefix="calib-arm-")

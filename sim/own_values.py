@@ -1,4 +1,4 @@
-"""What an arm states of one parameter of an effect."""
+"""An arm's own values of effect parameters."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ def value_of(arm: Arm, effect: str, joint: str | None, parameter: str, neutral: 
 
 
 def values_of(arm: Arm, effect: str, parameter: str, neutral: float = 0.0) -> np.ndarray:
-    """(n,) the same of every joint."""
+    """(n,) `value_of` at every joint."""
     return np.array([value_of(arm, effect, joint, parameter, neutral) for joint in arm.joint_names])
 
 
 def effort_limits(arm: Arm) -> np.ndarray:
-    """(n,) N m that each joint's motors deliver at most: the arm's limit, or that of its torque_saturation."""
+    """(n,) N m that each joint's motors deliver at most: the smaller of tau_max and the limit of torque_saturation."""
     return np.fmin(arm.tau_max, values_of(arm, "torque_saturation", "limit", np.inf))

@@ -1,7 +1,7 @@
-"""Whether the friction of an arm takes energy, as that of every passive joint does: F(v) v >= 0 in steady motion.
+"""Whether the friction of an arm dissipates energy, as in every passive joint: F(v) v >= 0 in steady motion.
 
-Friction that drives its joint is none. It comes from readings that leave out what a controller adds, such as its compensation of friction,
-or whose sign is reversed; an arm with it predicts such readings, and runs away in a simulation.
+Friction that drives its joint is not physical. It comes from readings that leave out what a controller adds, such as friction
+compensation, or from readings with reversed sign. An arm with it predicts such readings, and diverges in a simulation.
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ from sim.prediction import by_stage, motor_side
 from sim.torque_path import PathState
 
 SPEEDS = 10  # of each joint, up to its fastest
-TRAVEL, STEPS = 2.0, 50  # rad until dry friction has built up, in so many steps
+TRAVEL, STEPS = 2.0, 50  # rad of travel until dry friction has built up, and the number of steps
 
 
 @dataclass(frozen=True)
 class DrivingFriction:
-    """A joint whose friction drives it: torque N m (negative) of the friction against a motion of speed rad/s, where it drives most."""
+    """A joint driven by its friction: the most negative friction torque N m against motion, and its speed rad/s."""
 
     joint: str
     torque: float
@@ -29,12 +29,12 @@ class DrivingFriction:
 
 
 def steady_friction(arm: Arm, speed: np.ndarray) -> np.ndarray:
-    """(n,) N m: the mean of the friction against steady motion at speed (n,) rad/s in both directions, unloaded and cold."""
+    """(n,) N m: friction against steady motion at speed (n,) rad/s, mean of both directions, without load and cold."""
     acting = [e for e in arm.effects if effect_named(e.effect).stage in (Stage.FRICTION, Stage.MOTOR)]
     stages, shape = by_stage(acting, arm), (STEPS, arm.n)
     torque = []
     for dq in (speed, -speed):
-        # one time base for all joints: slip depends on the distance travelled and not on the time that it takes
+        # one time base for all joints: slip depends on the distance travelled, not on the time it takes
         t, nothing = np.linspace(0.0, 1.0, STEPS), np.zeros(shape)
         q = np.sign(dq) * TRAVEL * t[:, None]
         state = PathState(

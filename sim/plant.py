@@ -1,8 +1,8 @@
-"""A position-controlled arm in MuJoCo with every effect that the arm has: native where MuJoCo has it, each step where not.
+"""A position-controlled arm in MuJoCo with every effect of the arm: native where MuJoCo has it, otherwise applied each step.
 
-The drive knows only the nominal arm: it adds that model's torque to a proportional, differential and integral law on its own
-encoder. Its loop is closed at every step of the simulation, so the torque that it reports is that of the instant of its position. What it
-reports is quantised and noisy as `arm.sensors` says.
+The drive knows only the nominal arm: it adds that model's torque to a PID law on its own encoder. Its loop is closed at every
+simulation step, so the torque it reports belongs to the same instant as its position. Readings are quantised and noisy
+according to `arm.sensors`.
 """
 
 from __future__ import annotations
@@ -33,9 +33,9 @@ AMBIENT = 25.0
 
 
 class Plant:
-    """The real arm, as far as a simulation can be it. `arm` is the truth, `drive` the nominal arm that its controller knows.
+    """A simulated real arm: `arm` is the truth, `drive` the nominal arm that its controller knows.
 
-    Time advances only by `advance`. With the same seed and the same calls it does exactly the same.
+    Time advances only in `advance`. The same seed and the same calls give exactly the same result.
     """
 
     def __init__(
@@ -74,9 +74,9 @@ class Plant:
         self._bodies = RigidBody(arm)
 
     def become(self, arm: Arm) -> None:
-        """From now on the arm is this one, as after picking something up or as a joint wears: motion, drive and noise go on.
+        """Replace the arm during motion, as after picking something up or as a joint wears; motion, drive and noise continue.
 
-        ValueError where joints would get or lose a soft gear, whose motion cannot be invented.
+        ValueError if a joint would get or lose a soft gear, whose motion is unknown.
         """
         if list(twists(arm)) != list(twists(self.arm)):
             raise ValueError(f"{arm.name}: an arm in motion keeps its soft joints; build a new plant")
@@ -94,10 +94,11 @@ class Plant:
         at: float = 0.0,
         warming: np.ndarray | None = None,
     ) -> None:
-        """Be at q (n,) rad, standing still or moving with dq (n,) rad/s, at time `at` s.
+        """Place the arm at q (n,) rad, at rest or moving with dq (n,) rad/s, at time `at` s.
 
-        came (K, n) rad: the readings that led up to q; they load dry friction, and gravity loads soft gears. Without it both are unloaded.
-        warming (n,): share of the way from cold to warm, which then stays; without it joints were cold at time zero.
+        came (K, n) rad: the readings that led up to q. They load dry friction, and gravity loads soft gears; without it both
+        are unloaded.
+        warming (n,): share of the way from cold to warm, held constant; without it the joints were cold at time zero.
         """
         mujoco.mj_resetData(self.model, self.data)
         self.data.time = at
@@ -121,7 +122,7 @@ class Plant:
 
     @property
     def stable(self) -> bool:
-        """Whether MuJoCo has found every angle, speed and acceleration finite and moderate since `reset`; it starts anew where one is not."""
+        """Whether every angle, speed and acceleration was finite and moderate since `reset`; otherwise MuJoCo resets itself."""
         return not any(self.data.warning[kind].number for kind in DIVERGED)
 
     @property
@@ -132,16 +133,17 @@ class Plant:
     def command(
         self, q: np.ndarray, dq: np.ndarray, tau: np.ndarray, kp: np.ndarray | None = None, kd: np.ndarray | None = None
     ) -> None:
-        """A new control instant: follow q (n,) rad with dq (n,) rad/s and extra torque tau (n,) N m.
+        """Start a control period: follow q (n,) rad with dq (n,) rad/s and extra torque tau (n,) N m.
 
-        The drive goes on a smooth line to where these two will be at the next command, as far off as the last one, and waits there. With kp
-        (N m/rad) and kd (N m s/rad) it is a servo in impedance mode, whose target stands still: kp (q - angle) + kd (dq - speed) + tau, alone.
+        The drive moves smoothly to where q and dq will be at the next command, one period of the last length later, and waits
+        there. With kp (N m/rad) and kd (N m s/rad) it is an impedance servo with a fixed target, whose torque is only
+        kp (q - angle) + kd (dq - speed) + tau.
         """
         self._loop.command(self.time, q, dq, tau, kp, kd)
         self._control()
 
     def advance(self, dt: float) -> None:
-        """Let dt seconds pass, to the nearest simulation step."""
+        """Simulate dt seconds, rounded to whole simulation steps, at least one."""
         steps = max(1, round(dt / self.timestep))
         if self._loop.torque_alone and not self._every_step:
             mujoco.mj_step(self.model, self.data, steps)
@@ -176,7 +178,7 @@ class Plant:
         return JointState(now if t is None else t, now, encoder, velocity, tau, current, AMBIENT + self._heat)
 
     def encoder(self) -> np.ndarray:
-        """The angles (n,) rad that the encoders read now; nothing else changes, as it does with `read`."""
+        """Encoder angles (n,) rad now; unlike `read` it changes no state."""
         angle = self.data.qpos[self._dof].copy()
         for j, dof in self._twist:
             angle[j] += self.data.qpos[dof]
@@ -187,7 +189,7 @@ class Plant:
         return self._encoders.motor(self._qpos[self._dof], self._qvel[self._dof])
 
     def _control(self, dt: float = 0.0) -> None:
-        """Close the drive's loop at this instant; its integral grows by dt s."""
+        """Run the drive's loop at this instant; its integral grows by dt s."""
         now = self.time
         angle, speed = self._motor_reading()
         torque = self._loop.torque(now, angle, speed, dt)

@@ -1,4 +1,4 @@
-"""The compiled model of a plant: where its joints and motors stand in it, and its gears under the load of a pose."""
+"""Compiled model of a plant, the indices of its joints and motors, and its gears and dry friction under the load of a pose."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ Steps = Mapping[Stage, Sequence[tuple[Effect, int | None, ArmEffect]]]
 def plant_model(
     arm: Arm, timestep: float, obstacles: Iterable[BoxObstacle | PlaneObstacle | MeshObstacle]
 ) -> tuple[mujoco.MjModel, np.ndarray, np.ndarray, list[tuple[int, int]], int]:
-    """The model, the degree of freedom and the motor (n,) of each joint, joint and degree of freedom of each soft gear, the last body.
+    """Model, degree of freedom (n,) and motor (n,) of each joint, joint and degree of freedom of each soft gear, last body.
 
-    ConfigError where MuJoCo refuses the arm, as one of inertias that no body has.
+    ConfigError if MuJoCo refuses the arm, for example for an inertia that no body has.
     """
     with no_callback():
         try:
@@ -47,7 +47,7 @@ def plant_model(
 def twist_gears(
     model: mujoco.MjModel, data: mujoco.MjData, bodies: RigidBody, dof: np.ndarray, twist: Sequence[tuple[int, int]]
 ) -> None:
-    """Twist soft gears until they carry the links, and put those with play against the stop that does; the links stay where they are."""
+    """Twist soft gears until they carry the links, and move gears with backlash to the stop that does; the links do not move."""
     q, dq = data.qpos[dof][None], data.qvel[dof][None]
     load = bodies.inverse_dynamics(q, dq, np.zeros_like(q))
     for j, gear in twist:
@@ -59,7 +59,7 @@ def twist_gears(
 
 
 def along(one: PathState, way: np.ndarray, bodies: RigidBody) -> PathState:
-    """The path of one instant, with the motors moved along a way (K, n) rad to where they are, and the load of the links there."""
+    """Path of one instant, repeated with the motors at each of `way` (K, n) rad that led up to it, with the links' load at it."""
     every: dict[str, Any] = {k: np.repeat(v, len(way), axis=0) for k, v in vars(one).items() if v is not None}
     state = PathState(**every)
     state.q_motor, state.load = way, bodies.inverse_dynamics(state.q, state.dq, state.ddq)
@@ -69,7 +69,7 @@ def along(one: PathState, way: np.ndarray, bodies: RigidBody) -> PathState:
 def loaded(
     state: PathState, stages: Steps, each_step: Steps, presliding: Sequence[int], memory: dict[Hashable, np.ndarray]
 ) -> list[float]:
-    """Move the memories of dry friction along a path; the slip in which joints `presliding` end."""
+    """Update the memory of dry friction along a path; return the final slip of the joints `presliding`."""
     apply_all(state, stages[Stage.FRICTION])
     slip = [float(slip_direction(state.q_motor[:, j], state.width[:, j])[-1]) for j in presliding]
     state.memory = memory

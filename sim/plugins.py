@@ -1,4 +1,4 @@
-"""What other packages add: entry points of the groups arm_calib.drivers, arm_calib.effects and arm_calib.arms."""
+"""Plug-ins of other packages: entry points of the groups arm_calib.drivers, arm_calib.effects and arm_calib.arms."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ OWN = "arm-calib"
 
 @cache
 def plugins(group: Group) -> dict[str, EntryPoint]:
-    """name -> entry point of what installed packages add to a group; ConfigError where two add the same name."""
+    """name -> entry point that an installed package adds to a group; ConfigError if two packages add the same name."""
     found: dict[str, EntryPoint] = {}
     for entry in entry_points(group=f"arm_calib.{group}"):
         if entry.name in found and entry.value != found[entry.name].value:
@@ -29,27 +29,27 @@ def plugins(group: Group) -> dict[str, EntryPoint]:
 
 
 def origin(entry: EntryPoint | None) -> str:
-    """`package 1.2` from which an entry point comes; arm-calib for its own."""
+    """Package and version of an entry point, such as `package 1.2`; arm-calib if there is none."""
     return OWN if entry is None else f"{entry.dist.name} {entry.dist.version}" if entry.dist else entry.value
 
 
 def loaded(entry: EntryPoint, kind: type) -> Any:
-    """What the entry point names: a subclass of `kind`, or an instance of it; ConfigError with the package's name where it is neither."""
+    """What the entry point names: a subclass of `kind`, or an instance of it; ConfigError names the package if it is neither."""
     where = f"{entry.group} {entry.name!r} of {origin(entry)}"
     try:
         found = entry.load()
-    except Exception as error:  # another package's code: whatever it raises must not end ours without a word
+    except Exception as error:  # another package's code may raise anything; report it as a ConfigError
         raise ConfigError(f"{where}: cannot be imported ({type(error).__name__}: {error}); ask its authors") from error
     if not (isinstance(found, kind) or (isinstance(found, type) and issubclass(found, kind))):
-        raise ConfigError(f"{where}: {entry.value} is no {kind.__name__}; ask its authors")
+        raise ConfigError(f"{where}: {entry.value} is not a {kind.__name__}; ask its authors")
     return found
 
 
 def check_names(group: Group, own: Iterable[str]) -> None:
-    """ConfigError where a package adds a name that is our own: nobody would know which of the two is meant."""
+    """ConfigError if a package adds a name that is built in, which would be ambiguous."""
     for name in set(own) & set(plugins(group)):
         raise ConfigError(
-            f"{origin(plugins(group)[name])} adds {group[:-1]} {name!r}, which arm-calib has; uninstall that package"
+            f"{origin(plugins(group)[name])} adds {group[:-1]} {name!r}, which arm-calib already has; uninstall that package"
         )
 
 
@@ -70,5 +70,5 @@ def arm_folder(name: str) -> Path | None:
 
 
 def arm_origin(name: str) -> str:
-    """The package and version that an arm comes from; arm-calib for a shipped one and for one's own folder."""
+    """Package and version that an arm comes from; arm-calib for a shipped arm and for a user's own folder."""
     return origin(plugins("arms").get(name))

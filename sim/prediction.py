@@ -18,7 +18,7 @@ from sim.slip import SLIP_WIDTH, slip_along
 from sim.torque_path import PathState, Slip
 from sim.trajectory import Trajectory
 
-# s that an arm stands before it is said to be at rest: longer than any delay of a reading
+# s of standing still before the torque is read: longer than any delay of a reading
 STANDING = 1.0
 
 
@@ -31,9 +31,10 @@ def predict(arm: Arm, motion: Trajectory, warming: np.ndarray | None = None) -> 
 
 
 def at_rest(arm: Arm, q: np.ndarray) -> np.ndarray:
-    """(K, n) N m that the drives of `arm` would report where it stands still at encoder readings q (K, n) rad, cold and without dry friction.
+    """(K, n) N m that the drives of `arm` report at rest at encoder readings q (K, n) rad, cold and without dry friction.
 
-    With every effect of its file: a spring or a counterbalance carries part of g(q). NaN in a posture with an angle that is not finite.
+    It includes every effect of the arm: a spring or a counterbalance carries part of g(q). NaN for a posture with an angle that
+    is not finite.
     """
     out, still = np.full(q.shape, np.nan), np.zeros((2, q.shape[1]))
     for k in np.flatnonzero(np.isfinite(q).all(axis=1)).tolist():
@@ -55,7 +56,7 @@ def torque_path(
 
 
 def link_side(arm: Arm, motion: Trajectory, stages: Stages, warming: np.ndarray | None = None) -> PathState:
-    """The path up to the load that the links and outer forces put on the gears: stages ENCODER, RIGID and FORCE."""
+    """The path up to the load that the links and external forces put on the gears: stages ENCODER, RIGID and FORCE."""
     t, shape = motion.t - motion.t[0], motion.q.shape
     state = PathState(
         t=t, q=motion.q.copy(), dq=motion.dq.copy(), ddq=motion.ddq.copy(), load=np.zeros(shape), q_motor=np.zeros(shape),
@@ -75,7 +76,7 @@ def link_side(arm: Arm, motion: Trajectory, stages: Stages, warming: np.ndarray 
 def motor_side(state: PathState, stages: Stages, width: np.ndarray | None = None, lead: np.ndarray | None = None) -> None:
     """The rest of the path, in place: stages JOINT to CHANNEL; works on any subset of the joints.
 
-    width (n,) rad and lead (n,) s say how the dry friction of each joint builds up after a reversal.
+    width (n,) rad and lead (n,) s describe how the dry friction of each joint builds up after a reversal.
     """
     gear_side(state, stages)
     behind_the_gear(state, stages, width, lead)
@@ -94,7 +95,7 @@ def gear_side(state: PathState, stages: Stages) -> None:
 
 
 def load_on_gears(arm: Arm, motion: Trajectory) -> np.ndarray:
-    """(N, n) N m that links, outer forces and springs put on the gears of `arm` along `motion`, without friction, motors and sensors."""
+    """(N, n) N m that links, external forces and springs put on the gears along `motion`; no friction, motors or sensors."""
     stages = by_stage(arm.effects, arm)
     state = link_side(arm, motion, stages)
     gear_side(state, stages)
@@ -112,7 +113,7 @@ def behind_the_gear(
 ) -> None:
     """The torque from the motors' motion and the load on their gears, in place: stages FRICTION to CHANNEL.
 
-    slip: of every joint whose effects have no law of their own.
+    slip: the law for joints whose effects bring none of their own.
     """
     state.width[:] = SLIP_WIDTH if width is None else width
     _run(state, stages, Stage.FRICTION)
@@ -140,7 +141,7 @@ Stages = dict[Stage, list[tuple[Effect, int | None, ArmEffect]]]
 def by_stage(effects: Iterable[ArmEffect], arm: Arm, law: Effect | None = None) -> Stages:
     """The effects sorted by stage, each with its joint's index; gains before offsets, widths after levels.
 
-    law: stands in for the effect of its name.
+    law: replaces the effect of its name.
     """
     stages: Stages = {stage: [] for stage in Stage}
     for item in effects:

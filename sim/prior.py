@@ -1,4 +1,4 @@
-"""How far the numbers of an arm may be off before any data: from where they come, and from the arm's size where nobody stated them."""
+"""Uncertainty of an arm's numbers before any data: from their source, or from the arm's size if they are not stated."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ STATED = {"coulomb": "frictionloss", "viscous": "damping", "rotor": "armature"}
 
 
 def stated_prior(numbers: Numbers | None, tree: KinematicTree) -> PriorTable:
-    """The prior of an arm that is new, from the answer to "where do its numbers come from?"; without an answer they count as guessed.
+    """The prior of a new arm, from the answer to "where do its numbers come from?"; without an answer they count as guessed.
 
-    What the model has no number for (zero at every joint) is unknown, and so is every friction that was not measured: those of
-    model files steady a simulation. Offsets of readings are unknown: no model file states them.
+    A quantity for which the model has no number (zero at every joint) is unknown. So is friction that was not measured: in
+    model files it stabilises a simulation. Offsets of readings are unknown: no model file states them.
     """
     mass, com, inertia = WIDTHS[numbers or "guessed"]
     unknown = [key for key, row in STATED.items() if not np.any(getattr(tree, row))]
@@ -40,15 +40,15 @@ def stated_prior(numbers: Numbers | None, tree: KinematicTree) -> PriorTable:
 
 
 def bare_prior(tree: KinematicTree) -> PriorTable:
-    """The prior of a bare model file: the numbers in it count as a calibrated model's (the defaults of PriorTable).
+    """The prior of a bare model file: its numbers count as those of a calibrated model (the defaults of PriorTable).
 
-    What it has no number for (zero at every joint) is unknown.
+    A quantity without a number (zero at every joint) is unknown.
     """
     return PriorTable.model_validate({"unknown": [key for key, row in STATED.items() if not np.any(getattr(tree, row))]})
 
 
 def torque_scale(arm: Arm) -> np.ndarray:
-    """(n,) N m: the arm's tau_max, or where nobody stated it the weight of the links behind the joint at full reach."""
+    """(n,) N m: the arm's tau_max, or if it is not stated the weight of the links behind the joint at full reach."""
     return np.where(np.isfinite(arm.tau_max), arm.tau_max, weight(arm.tree))
 
 
@@ -62,10 +62,10 @@ def weight(tree: KinematicTree) -> np.ndarray:
 def spread(arm: Arm) -> dict[str, np.ndarray]:
     """Absolute standard deviations (n,) of coulomb N m, viscous N m s/rad, rotor kg m^2 and offset N m before any data.
 
-    Relative to the arm's own number where that is stated: not listed in prior.unknown, and not zero (a zero without a standard
-    deviation of its own states nothing); a number that was fitted is no surer than its own standard deviation. Else as wide as an
-    ordinary drive can be: a tenth of the largest torque, at full speed for viscous friction; for a rotor what that torque accelerates
-    at ddq_max, or the inertia of the links behind it.
+    A stated number is one that is not listed in prior.unknown and not zero; a zero without a standard deviation of its own
+    states nothing. Its deviation is relative to its value, but at least its own standard deviation. Any other deviation covers
+    ordinary drives: a tenth of the largest torque, for viscous friction at full speed; for reflected inertia what the largest
+    torque accelerates at ddq_max, or the inertia of the links behind it.
     """
     scale, prior, n = torque_scale(arm), arm.prior, arm.n
     speed = np.where(np.isfinite(arm.dq_max), arm.dq_max, 1.0)
@@ -95,7 +95,7 @@ EFFECT = {
 
 
 def unstated(arm: Arm) -> dict[str, np.ndarray]:
-    """For coulomb, viscous and rotor (n,) bool: the joints of which nobody stated it.
+    """For coulomb, viscous and rotor (n,) bool: the joints for which it is not stated.
 
     That is what prior.unknown lists, and a zero without a standard deviation of its own.
     """

@@ -1,4 +1,4 @@
-"""Where effects of the same form are tried before they are fitted: values between which the torque changes linearly."""
+"""Points at which effects of the same form are tried before they are fitted: values between which the torque is linear."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from sim.effects.effect import Effect, Probe
 
 
 def stiffnesses(effect: Effect) -> list[Probe]:
-    """The torque is nearly linear in 1/stiffness: the stiffnesses of the grid, scaled."""
+    """The torque is nearly linear in 1/stiffness: one probe for each stiffness of the grid, scaled."""
     stiffness = effect.parameter("stiffness")
     none = {"stiffness": stiffness.upper}
 

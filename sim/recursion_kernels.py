@@ -1,10 +1,11 @@
 """Newton-Euler recursions over many samples at once, compiled by Numba; called only by `sim.rigid_body`.
 
-Link i's quantities stand in its own joint frame. Source of the recursion and of the regressor's form: R. Featherstone, Rigid Body
-Dynamics Algorithms (2008), chapters 5.3 and 9.6 (inertial parameters enter linearly); checked against Pinocchio in the tests.
+Quantities of link i are expressed in its own joint frame. Source of the recursion and of the regressor's form: R. Featherstone,
+Rigid Body Dynamics Algorithms (2008), chapters 5.3 and 9.6 (inertial parameters enter linearly); checked against Pinocchio in
+the tests.
 
-Samples go through in blocks of LANES, each number of the recursion a row of as many: what is the same for all of them is read once, and
-the compiler turns the inner loops into vector instructions.
+Samples are processed in blocks of LANES; each number of the recursion is a row of that length. What is the same for all samples
+is read once per block, and the compiler vectorises the inner loops.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ LANES = 32
 
 @numba.njit(cache=True, fastmath=CONTRACT)
 def joint_turns(rotation, axis):  # type: ignore[no-untyped-def]
-    """A, B, C (n, 3, 3, 3) with rotation R(axis, angle) = A + cos(angle) B + sin(angle) C: Rodrigues' formula, what is constant in it."""
+    """A, B, C (n, 3, 3, 3) with rotation R(axis, angle) = A + cos(angle) B + sin(angle) C, from Rodrigues' formula."""
     n = len(axis)
     out = np.zeros((n, 3, 3, 3))
     cross = np.zeros((3, 3))
@@ -42,7 +43,7 @@ def joint_turns(rotation, axis):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True, fastmath=CONTRACT)
 def workspace(axis, prismatic, gravity):  # type: ignore[no-untyped-def]
-    """What `forward` writes to: motion (n + 1, 9, LANES) with the base as its last row, unit twists (n, n, 6, LANES), and two scratches."""
+    """Buffers of `forward`: motion (n + 1, 9, LANES) with the base last, unit twists (n, n, 6, LANES), two scratch arrays."""
     n = len(axis)
     motion, twist = np.zeros((n + 1, 9, LANES)), np.zeros((n, n, 6, LANES))
     for c in range(3):
@@ -54,8 +55,11 @@ def workspace(axis, prismatic, gravity):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True, fastmath=CONTRACT)
 def forward(parent, rotation, turns, position, axis, prismatic, chain, q, dq, ddq, work):  # type: ignore[no-untyped-def]
-    """Up to LANES samples, q dq ddq (count, n): motion[i] has angular velocity, its rate and the acceleration of link i's origin less
-    gravity; twist[i, j] what a unit rate of joint j, which moves link i, does to it, angular then linear. chain[i, j] marks such a joint."""
+    """Forward recursion for up to LANES samples, q dq ddq (count, n).
+
+    motion[i]: angular velocity, its rate, and the acceleration of link i's origin minus gravity. twist[i, j]: what a unit rate
+    of joint j adds to the velocity of link i, angular then linear; chain[i, j] marks the joints j that move link i.
+    """
     motion, twist, joint, local = work
     count = len(q)
     for i in range(len(parent)):
@@ -115,7 +119,7 @@ def forward(parent, rotation, turns, position, axis, prismatic, chain, q, dq, dd
 
 @numba.njit(cache=True, fastmath=CONTRACT)
 def _columns(motion, twist, count, out):  # type: ignore[no-untyped-def]
-    """out (10, LANES): what the ten parameters of a link that moves so add to the torque of the joint with that unit twist."""
+    """out (10, LANES): torque per unit of the ten parameters of a link with this motion, at the joint with this unit twist."""
     for s in range(count):
         wx, wy, wz = motion[0, s], motion[1, s], motion[2, s]
         ex, ey, ez = motion[3, s], motion[4, s], motion[5, s]

@@ -1,4 +1,4 @@
-"""What an arm must have stated before it may be planned for, asked for by name."""
+"""What must be stated about an arm before a motion is planned or recordings are diagnosed; what is missing is named."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from sim.errors import ConfigError
 
 
 def require_limits(arm: Arm, *names: str) -> None:
-    """ConfigError that asks for every named limit the arm lacks; a motion is never planned on a guessed limit."""
+    """ConfigError if a named limit is missing at some joint; a motion is never planned on a guessed limit."""
     for name in names:
         value = getattr(arm, name)
         missing = [j for j, v in zip(arm.joint_names, value, strict=True) if not math.isfinite(v)]
         if missing:
-            place = f"write it to [limits] of {arm.model_path.parent / 'arm.toml'} and take it off incomplete"
+            place = f"write it to [limits] of {arm.model_path.parent / 'arm.toml'} and remove it from incomplete"
             folder = (arm.model_path.parent / "arm.toml").is_file()
             raise ConfigError(
                 f"{arm.model_path}: {name} of {', '.join(missing)} is not given; a bare model file does not state it: "
@@ -23,7 +23,7 @@ def require_limits(arm: Arm, *names: str) -> None:
 
 
 def require_masses(arm: Arm) -> None:
-    """ConfigError where nobody knows the arm's masses: no motion's torque can be predicted then."""
+    """ConfigError if the arm's masses are unknown: the torque of a motion cannot be predicted then."""
     if arm.prior.numbers == "unknown":
         raise ConfigError(
             f"{arm.model_path}: the arm's masses are unknown, so no motion's torque can be bounded; identify them first from "
@@ -32,9 +32,9 @@ def require_masses(arm: Arm) -> None:
 
 
 def require_identified(arm: Arm) -> None:
-    """ConfigError where nobody knows the masses of several links: a diagnosis would compare recordings with masses that only stand for a size.
+    """ConfigError if the masses of several links are unknown: a diagnosis would compare recordings with placeholder masses.
 
-    A drive on a bench has one load, which a diagnosis fits with everything else.
+    A drive on a bench has one load, which a diagnosis fits together with everything else.
     """
     if arm.prior.numbers == "unknown" and arm.n > 1:
         raise ConfigError(

@@ -1,4 +1,4 @@
-"""Where configuration folders are: one's own first, then those that travel with the package."""
+"""Configuration folders: the user's own first, then those shipped with the package."""
 
 from __future__ import annotations
 
@@ -21,15 +21,15 @@ def config_folders(own: Path | None, kind: str) -> list[Path]:
 
 
 def nearest(word: str, known: Iterable[str]) -> str:
-    """The part of an error message that helps: the nearest known word, and all of them."""
+    """Hint for an error message: the nearest known word, and all known words."""
     known = list(known)
     return f"{did_you_mean(word, known)}known: {', '.join(known) if known else 'none'}"
 
 
 def did_you_mean(word: str, known: Iterable[str]) -> str:
-    """The question with the nearest known word, or nothing where none is near.
+    """The question "did you mean ...?" with the nearest known word, or nothing if none is near.
 
-    Capitals do not count, and the beginning of a long word is as near as the whole of it: `stribek` is nearest `stribeck_friction`.
+    Case is ignored, and the beginning of a long word counts like the whole of it: `stribek` is nearest `stribeck_friction`.
     """
 
     def likeness(candidate: str) -> float:

@@ -1,7 +1,7 @@
 """tau = Y(q, dq, ddq) pi: rigid-body dynamics of an arm, and the base parameters that any motion can show.
 
-Pinocchio serves single configurations (mass matrix, forward dynamics, distances); long motions go through `sim.recursion_kernels`, which
-a test holds equal to Pinocchio. Beside it only `safety.collision` and `safety.shapes` call Pinocchio.
+Pinocchio handles single configurations (mass matrix, forward dynamics, distances). Long motions use `sim.recursion_kernels`,
+which a test compares with Pinocchio. Besides this file, only `safety.collision` and `safety.shapes` call Pinocchio.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ class BaseParameters:
 
 
 class RigidBody:
-    """The rigid bodies of an arm, without friction, rotor inertia or springs.
+    """The rigid bodies of an arm, without friction, reflected inertia or springs.
 
     `gravity` (3,) m/s^2 in the base frame replaces the arm's own where it is given.
     """
@@ -90,7 +90,10 @@ class RigidBody:
     def slopes(
         self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray, weights: np.ndarray, gravity: np.ndarray | None = None
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Slopes (N, n) by q, dq and ddq (N, n) of sum_jp Y_jp w_jp with weights (N, n, 10 n); gravity (3,) replaces the arm's own."""
+        """Derivatives (N, n) of sum_jp Y_jp w_jp with respect to q, dq and ddq (N, n); weights w (N, n, 10 n).
+
+        gravity (3,) replaces the arm's own.
+        """
         q, dq, ddq = self._motion(q, dq, ddq)
         g = self.tree.gravity if gravity is None else np.asarray(gravity, dtype=float)
         by_state = np.zeros((3, self.n, len(q)))
@@ -129,9 +132,10 @@ class RigidBody:
     def point_speeds(
         self, links: np.ndarray, points: Sequence[np.ndarray], radii: np.ndarray, q: np.ndarray, dq: np.ndarray, width: np.ndarray, asked: np.ndarray
     ) -> np.ndarray:  # fmt: skip
-        """(N, S) m/s of the fastest point of S bodies, balls of radii (S,) about points (P, 3) each of links (S,): |J dq| + radius |w|.
+        """(N, S) m/s of the fastest point of S bodies, |J dq| + radius |w|: balls of radii (S,) at points (P, 3) of links (S,).
 
-        With q dq (N, n) and speeds up to width (N, n) beside dq: sum_j |J_j| width_j more. Only where asked (N, S); zero elsewhere.
+        q dq (N, n). If speeds may differ from dq by up to width (N, n), sum_j |J_j| width_j is added. Only where asked (N, S);
+        zero elsewhere.
         """
         begins = np.cumsum([0, *map(len, points)])
         out = np.zeros(asked.shape)
@@ -140,7 +144,7 @@ class RigidBody:
         return out
 
     def mass_matrix(self, q: np.ndarray) -> np.ndarray:
-        """M(q) (n, n) kg m^2 of the links, without rotors; q (n,)."""
+        """M(q) (n, n) kg m^2 of the links, without reflected inertia; q (n,)."""
         upper = pin.crba(self.pinocchio, self._data, np.asarray(q, dtype=float))
         return np.triu(upper) + np.triu(upper, 1).T
 
@@ -163,7 +167,7 @@ class RigidBody:
     def base(self, rotor: bool = True, tolerance: float = 1e-9, seed: int = 0) -> BaseParameters:
         """The base set by rank-revealing QR of the regressor on random states.
 
-        With `rotor` the n rotor inertias follow the 10 n link parameters (column ddq_j in row j). Source: M. Gautier, J. of
+        With `rotor` the n reflected inertias follow the 10 n link parameters (column ddq_j in row j). Source: M. Gautier, J. of
         Robotic Systems 8(4), 1991, 485-506.
         """
         rng = np.random.default_rng(seed)
@@ -172,9 +176,9 @@ class RigidBody:
         dq, ddq = rng.uniform(-2.0, 2.0, (count, self.n)), rng.uniform(-5.0, 5.0, (count, self.n))
         full = self.full_regressor(q, dq, ddq, rotor).reshape(count * self.n, -1)
         scale = np.linalg.norm(full, axis=0)
-        # a column of nothing but rounding must not be scaled up into a parameter
+        # a column of rounding errors only must not be scaled up into a parameter
         scale[scale < 1e-12 * scale.max()] = np.inf
-        # of two columns that serve alike the first is taken, whatever the last digits of this computer say
+        # of two equivalent columns the first is taken, whatever this computer's rounding
         scale *= 1 + 1e-7 * np.arange(len(scale))
         _, r, order = scipy.linalg.qr(full / scale, mode="economic", pivoting=True)
         diagonal = np.abs(np.diag(r))
@@ -194,7 +198,7 @@ class RigidBody:
         )
 
     def full_regressor(self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray, rotor: bool = True) -> np.ndarray:
-        """Y (N, n, 10 n) and, with `rotor`, n more columns for the rotor inertias."""
+        """Y (N, n, 10 n) and, with `rotor`, n more columns for the reflected inertias."""
         links = self.regressor(q, dq, ddq)
         if not rotor:
             return links
@@ -203,12 +207,12 @@ class RigidBody:
         return np.concatenate([links, motors], axis=2)
 
     def parameter_names(self, rotor: bool = True) -> tuple[str, ...]:
-        """Names of the full parameters: `m_1` ... `Izz_n`, then `Ia_1` ... `Ia_n`; numbered from 1 as in the field."""
+        """Names of the full parameters: `m_1` ... `Izz_n`, then `Ia_1` ... `Ia_n`; numbered from 1 as in the literature."""
         names = [f"{p}_{i + 1}" for i in range(self.n) for p in PARAMETERS]
         return tuple(names + ([f"Ia_{i + 1}" for i in range(self.n)] if rotor else []))
 
     def _motion(self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        # copies: the kernels are compiled once for arrays that can be written to, and again for those that cannot
+        # copies: read-only arrays would make Numba compile the kernels a second time
         arrays = tuple(np.array(x, dtype=float, order="C", ndmin=2) for x in (q, dq, ddq))
         for name, x in zip(("q", "dq", "ddq"), arrays, strict=True):
             if x.shape != (len(arrays[0]), self.n):

@@ -1,4 +1,4 @@
-"""A URDF as ROS packages have it, reduced to what an arm is: links with inertias and collision shapes, and joints."""
+"""A URDF from a ROS package, reduced to an arm: links with inertias and collision shapes, and joints."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from sim.model_text import MAX_BYTES
 from sim.tree import possible_moments
 
 Element = ElementTree.Element
-# a moving body without a mass is no model for MuJoCo; what stands here is below every real link and is found again by it
+# kg: MuJoCo accepts no moving body without mass; this placeholder is below every real link's mass, which identifies it
 NO_MASS = 1e-9
 # m; a point mass is a ball of this radius of gyration
 POINT = 1e-3
@@ -26,10 +26,10 @@ DRAKE = "http://drake.mit.edu"
 
 @dataclass
 class Urdf:
-    """Text with meshes beside it in `folder`, what was left out, the joints that follow another one, and links without their shape.
+    """Text with its meshes in `folder`, notes on what was left out, joints that follow another one, links without their shape.
 
-    impossible: principal moments (3,) kg m^2 of links whose inertia no body has; the text has the nearest that is possible.
-    rotors: kg m^2 at the joint of the motors of each joint whose transmission states them as Drake reads them.
+    impossible: principal moments (3,) kg m^2 of links whose inertia no body has; the text has the nearest possible one.
+    rotors: reflected inertia kg m^2 of each joint whose transmission states it in Drake's tags.
     """
 
     text: str
@@ -42,10 +42,11 @@ class Urdf:
 
 
 def reduced_urdf(file: Path, staging: Path, root: Path | None = None) -> Urdf:
-    """The URDF without what no arm needs (visuals, Gazebo, transmissions, plug-ins), its collision meshes as STL in `staging`.
+    """The URDF without what an arm does not need, its collision meshes as STL in `staging`.
 
-    A joint that mimics another is listed in `followers` (joint -> driver, multiplier, offset). A floating or planar joint becomes
-    fixed. A collision mesh that is not there leaves its link in `without_shape`. ConfigError where the file is no readable XML.
+    Visuals, Gazebo, transmissions and plug-ins are removed. A joint that mimics another is listed in `followers` (joint ->
+    driver, multiplier, offset). A floating or planar joint becomes fixed. A missing collision mesh puts its link in
+    `without_shape`. ConfigError if the file is not readable XML.
     """
     robot = _parsed(file)
     out = Urdf("", staging, rotors=_rotors(robot))
@@ -67,15 +68,17 @@ def reduced_urdf(file: Path, staging: Path, root: Path | None = None) -> Urdf:
             if child.tag not in ("origin", "parent", "child", "axis", "limit", "dynamics"):
                 joint.remove(child)
         if joint.get("type") in ("floating", "planar"):
-            out.notes.append(f"joint {name} is {joint.get('type')}: it stands still here")
+            out.notes.append(f"joint {name} is {joint.get('type')}: it is held still")
             joint.set("type", "fixed")
     out.text = ElementTree.tostring(robot, encoding="unicode")
     return out
 
 
 def _rotors(robot: Element) -> dict[str, float]:
-    """joint -> rotor inertia times gear ratio squared, from drake:rotor_inertia and drake:gear_ratio (https://drake.mit.edu, "Supported
-    URDF tags")."""
+    """joint -> reflected inertia: drake:rotor_inertia times drake:gear_ratio squared.
+
+    https://drake.mit.edu, "Supported URDF tags".
+    """
     found: dict[str, float] = {}
     for transmission in robot.iter("transmission"):
         joint = transmission.find("joint")
@@ -104,7 +107,7 @@ def _parsed(file: Path) -> Element:
 
 
 def _set_mass(link: Element, out: Urdf) -> None:
-    """Mark a link without a mass by NO_MASS, so that no density is assumed of its shapes; note an inertia that no body has."""
+    """Give a massless link NO_MASS, so that no density is assumed for its shapes; record an inertia that no body has."""
     inertial = link.find("inertial")
     mass = _number(inertial.find("mass") if inertial is not None else None, "value")
     if inertial is None or mass == 0:
@@ -135,7 +138,7 @@ def _set_inertia(inertial: Element, inertia: np.ndarray) -> None:
 
 
 def _number(element: Element | None, key: str) -> float:
-    """A number of the file; 0 where it has none, ConfigError where it is not finite."""
+    """A number of the file; 0 if it has none, ConfigError if it is not finite."""
     text = element.get(key, "0") if element is not None else "0"
     try:
         value = float(text)
@@ -149,7 +152,7 @@ def _number(element: Element | None, key: str) -> float:
 
 
 def _set_meshes(link: Element, file: Path, root: Path | None, out: Urdf) -> None:
-    """Copy the link's collision meshes to the staging folder; a shape whose mesh is not there is left out and noted."""
+    """Copy the link's collision meshes to the staging folder; a shape whose mesh is missing is left out and noted."""
     for collision in link.findall("collision"):
         for mesh in collision.iter("mesh"):
             address = mesh.get("filename", "")
@@ -159,7 +162,7 @@ def _set_meshes(link: Element, file: Path, root: Path | None, out: Urdf) -> None
                 out.without_shape.append(link.get("name", ""))
                 out.notes.append(
                     f"link {link.get('name')}: collision mesh {address} was not found {_looked(root)}: the link has no shape "
-                    "until one is given; say with --root where the package is"
+                    "until one is given; give the package's folder with --root"
                 )
                 break
             copy = out.folder / f"mesh_{len(list(out.folder.glob('mesh_*')))}.stl"
@@ -168,10 +171,11 @@ def _set_meshes(link: Element, file: Path, root: Path | None, out: Urdf) -> None
 
 
 def mesh_file(address: str, model: Path, root: Path | None) -> Path | None:
-    """The file of a mesh address: package://NAME/PATH, file:///PATH, or a path beside the model; None where there is none.
+    """The file of a mesh address: package://NAME/PATH, file:///PATH, or a path beside the model; None if it does not exist.
 
-    package://NAME/PATH is looked for under `root` (the package's folder, or the folder that holds it), else beside and above `model`.
-    ConfigError where an address is of another kind, or leaves its package.
+    package://NAME/PATH is searched under `root` (the package's folder, or the folder that holds it), else beside and above
+    `model`.
+    ConfigError if an address is of another kind, or leaves its package.
     """
     scheme, separator, rest = address.partition("://")
     rest = rest if scheme == "file" else rest.lstrip("/")

@@ -1,7 +1,8 @@
-"""Contacts that an exported model must not have: between bodies that touch in every posture, and between the base and the link it carries.
+"""Contacts excluded from an exported model: between bodies that touch in every posture, and between the base and its first link.
 
-Collision shapes of neighbours overlap at their joint. MuJoCo lets a body pass through its parent, but not through one that stands in the
-world (XML reference, option/flag/filterparent), and knows nothing of links two joints apart that are built into each other.
+Collision shapes of neighbouring links overlap at their joint. MuJoCo ignores contacts of a body with its parent, but not if the
+parent is fixed to the world (XML reference, option/flag/filterparent). Nor does it ignore links two joints apart that are built
+into each other.
 """
 
 from __future__ import annotations
@@ -19,9 +20,9 @@ Element = ElementTree.Element
 
 
 def exclude_lasting_contacts(root: Element, model: mujoco.MjModel, arm: Arm) -> None:
-    """Write an <exclude> for each such pair of bodies into the text `root` that `model` was compiled from, before anything is added to it."""
+    """Write an <exclude> for each such pair of bodies to `root`, the text of `model`, before anything else is added to it."""
     bodies = [body for world in root.findall("worldbody") for body in world.iter("body")]
-    if len(bodies) != model.nbody - 1:  # bodies that the text replicates or attaches have contacts of their author's
+    if len(bodies) != model.nbody - 1:  # replicated or attached bodies: contacts stay as the author defined them
         return
     for a, b in _lasting(model, arm):
         names = []
@@ -33,14 +34,14 @@ def exclude_lasting_contacts(root: Element, model: mujoco.MjModel, arm: Arm) -> 
 
 
 def exclude(root: Element, a: str, b: str) -> None:
-    """No contact between two bodies; once."""
+    """Exclude contact between two bodies, once."""
     contact = section(root, "contact")
     if not any({e.get("body1"), e.get("body2")} == {a, b} for e in contact.findall("exclude")):
         ElementTree.SubElement(contact, "exclude", body1=a, body2=b)
 
 
 def _lasting(model: mujoco.MjModel, arm: Arm) -> list[tuple[int, int]]:
-    """Pairs of body ids that touch in every posture of `postures`, or in one if they are a standing body and what hangs on it."""
+    """Pairs of body ids that touch in every posture of `postures`, or in any one if they are a fixed body and its first link."""
     data, touched = mujoco.MjData(model), dict[tuple[int, int], int]()
     drawn = postures(arm)
     for q in drawn:
@@ -53,7 +54,7 @@ def _lasting(model: mujoco.MjModel, arm: Arm) -> list[tuple[int, int]]:
 
 
 def _base_and_first(model: mujoco.MjModel, a: int, b: int) -> bool:
-    """Whether one body stands, without being the world, and the other moves by the first joint on it alone."""
+    """Whether one body is fixed, without being the world, and the other is moved by the first joint only."""
     standing = [int(model.body_weldid[k]) == 0 for k in (a, b)]
     if standing[0] == standing[1]:
         return False

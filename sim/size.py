@@ -1,4 +1,4 @@
-"""Masses of an arm's size, for arms of which nobody published masses: a scale for priors, not a claim."""
+"""Placeholder masses from an arm's size, for arms without published masses: a scale for priors, not an estimate."""
 
 from __future__ import annotations
 
@@ -14,9 +14,10 @@ LEAST_REACH = 0.1
 
 
 def sized(tree: KinematicTree) -> KinematicTree:
-    """The tree with masses by its size: 20 kg per square metre of reach, the same for each link, around the middle of the link.
+    """The tree with masses by its size: 20 kg per square metre of reach, the same for each link, at the middle of the link.
 
-    Radius of gyration 0.15 of the reach at every link. The values make the model one that simulates and a prior's width meaningful.
+    The radius of gyration is 0.15 of the reach for every link. With these values the model can be simulated, and a prior's
+    width is meaningful.
     """
     n = tree.n
     ends = np.zeros((n, 3))

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numba
 import numpy as np
 
-# Displacement over which dry friction builds up where nothing says otherwise: the order of the asperity contacts of bearings,
-# 1e-5 to 1e-4 m on a radius of some centimetres (B. Armstrong-Helouvry 1991, Control of Machines with Friction, chapter 2).
+# Default displacement, rad, over which dry friction builds up: of the order of the asperity contacts of bearings,
+# 1e-5 to 1e-4 m on a radius of a few centimetres (B. Armstrong-Helouvry 1991, Control of Machines with Friction, chapter 2).
 SLIP_WIDTH = 1e-4
 SUBSTEPS = 4
 
@@ -37,7 +37,7 @@ def slip_along(t, q, dq, width, lead):  # type: ignore[no-untyped-def]
     """z + lead dz/dt: Dahl's law along a motion whose position is the cubic through (q, dq), (N,) each.
 
     The lead is the bristles' damping over their stiffness in the LuGre model (C. Canudas de Wit et al. 1995,
-    doi:10.1109/9.376053): the friction of a reversal comes that much earlier.
+    doi:10.1109/9.376053): friction changes that much earlier at a reversal.
     """
     z = np.empty(len(q))
     out = np.empty(len(q))

@@ -1,10 +1,10 @@
-"""Slopes of a weighted sum over the regressor by the motion, compiled: what a search for motions needs of the rigid bodies.
+"""Derivatives of a weighted sum over the regressor with respect to the motion, compiled, for the search for motions.
 
-  f = sum_jp Y_jp w_jp = sum_ij u_ij . wrench(w_j of link i, motion of link i), u_ij the unit twist of joint j at link i,
+  f = sum_jp Y_jp w_jp = sum_ij u_ij . wrench(w_j of link i, motion of link i), u_ij the unit twist of joint j at link i.
 
-so its slopes are one sweep out over the recursion of `sim.recursion_kernels` and one back (reverse accumulation: A. Griewank, A. Walther,
-Evaluating Derivatives, 2008, chapter 3), exact. Each link's quantities stand in its own frame, and a turn of the joint by dq changes
-what came from the link before by -axis x that, dq times.
+They are exact: one sweep out over the recursion of `sim.recursion_kernels` and one back (reverse accumulation: A. Griewank, A.
+Walther, Evaluating Derivatives, 2008, chapter 3). Each link's quantities are expressed in its own frame. A turn of the joint by
+dq changes a vector v from the link before by -dq (axis x v).
 """
 
 from __future__ import annotations
@@ -17,7 +17,10 @@ from sim.recursion_kernels import CONTRACT, LANES, forward, joint_turns, workspa
 
 @numba.njit(cache=True, fastmath=CONTRACT)
 def _by_link(own, count, motion, unit, by_motion, by_unit):  # type: ignore[no-untyped-def]
-    """Add the slopes of unit . wrench(own, motion) by motion (9, LANES) and unit twist (6, LANES); own (10, count): parameters of a link."""
+    """Add the derivatives of unit . wrench(own, motion) to by_motion (9, LANES) and by_unit (6, LANES).
+
+    own (10, count): parameters of a link.
+    """
     for s in range(count):
         m, hx, hy, hz = own[0, s], own[1, s], own[2, s], own[3, s]
         xx, xy, yy, xz, yz, zz = own[4, s], own[5, s], own[6, s], own[7, s], own[8, s], own[9, s]
@@ -49,9 +52,10 @@ def _by_link(own, count, motion, unit, by_motion, by_unit):  # type: ignore[no-u
 
 @numba.njit(cache=True, fastmath=CONTRACT)
 def _onto_joint(axis, slide, count, motion, by_motion, rate, by_q, by_rate, by_push):  # type: ignore[no-untyped-def]
-    """Slopes by a joint's rate, push and, of a hinge, angle; by_motion, of its link, becomes that of what came from the link before.
+    """Derivatives by a joint's rate, acceleration and, for a hinge, angle; by_motion becomes that by r, e_0 and a_0.
 
-    w = r + z dq, e = e_0 + z ddq + dq r x z for a hinge; a = a_0 + z ddq + 2 dq r x z for a slide; r, e_0 and a_0 are from before, turned.
+    w = r + z dq, e = e_0 + z ddq + dq r x z for a hinge; a = a_0 + z ddq + 2 dq r x z for a slide. r, e_0 and a_0 come from the
+    link before, rotated.
     """
     x, y, z = axis[0], axis[1], axis[2]
     for s in range(count):
@@ -80,7 +84,7 @@ def _onto_joint(axis, slide, count, motion, by_motion, rate, by_q, by_rate, by_p
 
 @numba.njit(cache=True, fastmath=CONTRACT)
 def _placed(turns, rotation, position, axis, slide, count, q, local):  # type: ignore[no-untyped-def]
-    """local (12, LANES): the place and the rotation, row by row, of a link's frame in that of the link before."""
+    """local (12, LANES): position and rotation, row by row, of a link's frame in that of the link before."""
     for c in range(3):
         along = (rotation[c, 0] * axis[0] + rotation[c, 1] * axis[1] + rotation[c, 2] * axis[2]) * slide
         for s in range(count):
@@ -94,9 +98,9 @@ def _placed(turns, rotation, position, axis, slide, count, q, local):  # type: i
 
 @numba.njit(cache=True, fastmath=CONTRACT)
 def _onto_before(local, count, up, by_motion, by_up, by_place):  # type: ignore[no-untyped-def]
-    """Slopes by the motion up of the link before, from those by r, e_0 and a_0; by_place (3, LANES) by the place, in its axes.
+    """Derivatives by the motion `up` of the link before, from those by r, e_0 and a_0.
 
-    a_0 = R^T (a + e x p + w x (w x p)).
+    a_0 = R^T (a + e x p + w x (w x p)). by_place (3, LANES): by the position p, in the axes of the link before.
     """
     for s in range(count):
         px, py, pz = local[0, s], local[1, s], local[2, s]
@@ -125,7 +129,7 @@ def _onto_before(local, count, up, by_motion, by_up, by_place):  # type: ignore[
 
 @numba.njit(cache=True, fastmath=CONTRACT)
 def _twist_onto_before(axis, slide, local, count, now, before, by_now, by_before, by_q, by_place):  # type: ignore[no-untyped-def]
-    """The same for a unit twist that the link passes on, now = R^T (u, v + u x p), and what the joint's angle turns of it."""
+    """The same for a unit twist that the link passes on, now = R^T (u, v + u x p), and its derivative by the joint's angle."""
     x, y, z = axis[0], axis[1], axis[2]
     for s in range(count):
         px, py, pz = local[0, s], local[1, s], local[2, s]
@@ -155,7 +159,7 @@ def _twist_onto_before(axis, slide, local, count, now, before, by_now, by_before
 
 @numba.njit(cache=True, fastmath=CONTRACT)
 def slopes(parent, rotation, position, axis, prismatic, chain, gravity, q, dq, ddq, weights, by_q, by_dq, by_ddq):  # type: ignore[no-untyped-def]
-    """Slopes (n, N), zeroed by the caller, of the sum over the regressor of q dq ddq (N, n) times weights (n, n, 10, N), joint and link first."""
+    """Derivatives (n, N) of f by q, dq and ddq (N, n), zeroed by the caller; weights (n, n, 10, N), joint and link first."""
     n, turns = len(parent), joint_turns(rotation, axis)
     work, local = workspace(axis, prismatic, gravity), np.empty((12, LANES))
     motion, twist = work[0], work[1]

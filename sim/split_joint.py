@@ -1,4 +1,4 @@
-"""A joint with a soft gear in a model's text: a body with the motor between the link and what carries it."""
+"""A joint with a soft gear in a model's text: a body with the motor between the link and its carrier."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from sim.self_contact import exclude
 
 
 def split_joint(root: Element, bodies: dict[str, tuple[Element, Element]], joint: str, form: Exported, slides: bool) -> None:
-    """Put a rotor body with the joint between the link and what carries it; the link hangs on it by a second hinge."""
+    """Insert a motor body with the joint between the link and its carrier; a second hinge attaches the link to it."""
     body, hinge = bodies[joint]
     above = {child: parent for parent in root.iter() for child in parent}
     carrier, place = above[body], list(above[body]).index(body)
@@ -36,7 +36,7 @@ def split_joint(root: Element, bodies: dict[str, tuple[Element, Element]], joint
     rotor.append(body)
     carrier.remove(body)
     carrier.insert(place, rotor)
-    # MuJoCo lets a body pass through its parent; the rotor now stands between
+    # MuJoCo ignores contacts of a body with its parent, which is now the motor body
     carried = next((b for b in _upwards(carrier, above) if b.tag == "body"), None)
     group = _rigid_group(carried, above) if carried is not None else []
     for a in group:
@@ -46,8 +46,10 @@ def split_joint(root: Element, bodies: dict[str, tuple[Element, Element]], joint
 
 
 def extend_keys(root: Element, split: Collection[int], states: Callable[[], int]) -> None:
-    """Untwisted gears in every keyframe: 0 behind the angle and the speed of each joint in `split`, and behind the states of the motors
-    those of the elements that were added, `states()` in all."""
+    """Add untwisted gears to every keyframe: 0 after the angle and the speed of each joint in `split`.
+
+    The states of the motors are followed by zeros for those of the added elements, `states()` in all.
+    """
     for key in root.iter("key"):
         for name in ("qpos", "qvel"):
             values = key.get(name, "").split()
@@ -69,7 +71,7 @@ def _upwards(element: Element, above: dict[Element, Element]) -> Iterable[Elemen
 
 
 def _rigid_group(body: Element, above: dict[Element, Element]) -> list[Element]:
-    """The bodies that move as one with `body`; none where they stand in the world, whose contacts MuJoCo keeps."""
+    """The bodies that move as one with `body`; none if they are fixed to the world, whose contacts MuJoCo keeps."""
     top = body
     while not any(e.tag == "joint" for e in top):
         up = next((b for b in _upwards(above[top], above) if b.tag in ("body", "worldbody")), None)

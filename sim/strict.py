@@ -1,4 +1,4 @@
-"""Configuration tables that refuse what they do not know: unknown keys, missing keys, numbers that are not finite."""
+"""Configuration tables that reject unknown keys, missing keys and numbers that are not finite."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class StrictTable(BaseModel):
 
 
 def validated(table: type[T], data: dict[str, Any], file: Path | str) -> T:
-    """`data` as `table`; ConfigError says key, value, rule, and for an unknown key the known ones."""
+    """`data` as `table`; ConfigError names key, value and rule, and for an unknown key the known ones."""
     try:
         return table.model_validate(data)
     except ValidationError as error:

@@ -1,4 +1,4 @@
-"""The torque path over boxes of motion: each stage of `sim.effects.effect` as the interval that it cannot leave."""
+"""The torque path over boxes of motion: each stage of `sim.effects.effect` as an interval that it cannot leave."""
 
 from __future__ import annotations
 
@@ -10,22 +10,23 @@ import numpy as np
 from sim.interval import Interval
 from sim.slip_bounds import one_slip, slip_bounds, way_along, way_in_one_direction
 
-# what an effect knows of its parameters, each (k,), for the k joints that have it
+# intervals of an effect's parameters, each (k,), for the k joints that have it
 Known = Mapping[str, Interval]
-# rad/s by which a joint may be slower than commanded and so be about to turn round
+# rad/s by which a joint may be slower than commanded, and so be about to reverse
 CREEP = 0.02
 
 
 @dataclass
 class TorqueBox:
-    """The torque path over C boxes, filled stage by stage; intervals (C, n) on the joint side of the gear unless said otherwise.
+    """The torque path over C boxes, filled stage by stage; intervals (C, n) on the joint side of the gear unless noted otherwise.
 
-    t (C,) s where each box is one instant of a path, else None; q dq ddq of the link. A joint may also be up to `farthest` rad beside its box: stretch (n,) rad that the
-    link turns for each rad of the reading, steep (C, n) N m that the torque through the gear changes when every joint is 1 rad beside its
-    box, by_friction (C, n) what friction that follows the load adds to that. force (C, 3) N on the last link's origin in the base frame; load N m through the gear;
-    level N m of dry friction; warmth factor on all friction; tau N m of the motor; reading N m; gain (n,) reading per torque;
-    limit (n,) N m that the drives deliver; ddq_max (n,) rad/s^2. dry (n,) N m of the level that is one number; slips: width rad ->
-    coefficients (n,) N m of slips that build up over it; loose (n,): joints whose dry friction builds up over nobody knows what.
+    t (C,) s if each box is one instant of a path, else None; q dq ddq of the link. A joint may also be up to `farthest` rad
+    outside its box: stretch (n,) rad of the link for each rad of the reading, steep (C, n) N m by which the torque through the
+    gear changes when every joint is 1 rad outside its box, by_friction (C, n) what load-dependent friction adds to that. force
+    (C, 3) N on the last link's origin in the base frame; load N m through the gear; level N m of dry friction; warmth factor on
+    all friction; tau N m of the motor; reading N m; gain (n,) reading per torque; limit (n,) N m that the drives deliver;
+    ddq_max (n,) rad/s^2. dry (n,) N m: part of the level that is one number; slips: width rad -> coefficients (n,) N m of slips
+    that build up over it; loose (n,): joints whose dry friction builds up over an unknown displacement.
     """
 
     t: np.ndarray | None
@@ -61,7 +62,7 @@ class TorqueBox:
         farthest: float,
         t: np.ndarray | None,
     ) -> TorqueBox:
-        """Boxes of motion, q dq ddq (C, n) rad, with nothing on their torque path yet."""
+        """Boxes of motion, q dq ddq (C, n) rad, with an empty torque path."""
         count, n = q.lo.shape
         empty = [Interval.zeros((count, n)) for _ in range(4)]
         return cls(
@@ -76,13 +77,13 @@ class TorqueBox:
         to.hi[:, joints] += torque.hi
 
     def slip(self, joints: np.ndarray, width: float) -> Interval:
-        """(C, k) the direction in which dry friction that builds up over `width` rad acts, -1 to 1."""
+        """Direction (C, k), -1 to 1, of dry friction that builds up over `width` rad."""
         way, direction = self._way()
         wide = np.where(self.loose[joints], np.inf, width)
         return one_slip(way[:, joints], direction[:, joints], wide)
 
     def remembered(self, width: float) -> Interval:
-        """(C, n) N m of the slips of every width, and of the level that is one number, which builds up over `width` rad."""
+        """Torque (C, n) N m of the slips of every width, and of `dry`, which builds up over `width` rad."""
         out = Interval.zeros(self.tau.lo.shape)
         way, direction = self._way()
         widths = np.array([width, *self.slips])

@@ -16,13 +16,13 @@ class TorqueHistory:
         self._kept: deque[tuple[float, np.ndarray]] = deque([(time, torque)], maxlen=MOST)
 
     def keep(self, time: float, torque: np.ndarray) -> None:
-        """The torque at an instant; it replaces an earlier one of the same instant."""
+        """Store the torque at an instant; it replaces an earlier one of the same instant."""
         if self._kept[-1][0] == time:
             self._kept.pop()
         self._kept.append((time, torque))
 
     def at(self, when: float) -> np.ndarray:
-        """The torque (n,) N m at an instant, linear between those that were kept, and the first of them before it."""
+        """Torque (n,) N m at an instant: linear between the stored ones, and the first of them before it."""
         kept = self._kept
         later = next((k for k in range(len(kept)) if kept[-1 - k][0] <= when + 1e-9), len(kept) - 1)
         (t0, first), (t1, second) = kept[-1 - later], kept[-max(later, 1)]

@@ -10,7 +10,7 @@ The torque that a drive reports follows from a motion stage by stage; each effec
     FRICTION      level of dry friction, its width, its warmth     dry = warmth level slip
     MOTOR         torque at the motor: speed, acceleration         tau = load + dry + ...
     DRIVE         what the drive can deliver                       clip
-    SENSOR        what the reading makes of the torque             gain tau + offset
+    SENSOR        gain and offset of the torque reading            gain tau + offset
     CHANNEL       when the reading arrives                         tau(t - delay)
 """
 
@@ -42,12 +42,12 @@ class Stage(enum.IntEnum):
 class PathState:
     """The torque path along N instants, filled stage by stage; arrays (N, n) on the joint side of the gear.
 
-    t (N,) s from the start of the recording; q dq ddq of the link; load N m through the gear; q_motor dq_motor ddq_motor;
-    level N m of dry friction, width rad over which it builds up, warmth factor on all friction, slip in [-1, 1] its direction;
-    tau N m; force (N, 3) N on the last link's origin in the base frame; warming (N, n) measured share of the way from cold to
-    warm, where a recording has temperatures. memory: what a law needs of the samples before, and its parameters, kept by whoever
-    walks along a path of one arm in parts; None for a path that is whole. slips: joint -> how its slip follows the motion, where that is not Dahl's
-    law: of the path, the joint and the lead s of `sim.slip.slip_along`.
+    t (N,) s from the start of the recording; q dq ddq of the link; load N m through the gear; q_motor dq_motor ddq_motor; level
+    N m of dry friction, width rad over which it builds up, warmth factor on all friction, slip in [-1, 1] its direction; tau
+    N m; force (N, 3) N on the last link's origin in the base frame; warming (N, n) measured share of the way from cold to warm,
+    if a recording has temperatures. memory: what a law keeps of earlier samples, and its parameters, for a path of one arm that
+    is evaluated in parts; None for a whole path. slips: joint -> law of its slip, if it is not Dahl's: a function of the path,
+    the joint and the lead s of `sim.slip.slip_along`.
     """
 
     t: np.ndarray

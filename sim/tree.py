@@ -1,4 +1,4 @@
-"""An arm's moving links as numbers: how they hang together, their inertias, their joints and their shapes."""
+"""An arm's moving links as numbers: their connections, inertias, joints and shapes."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-# m/s^2: MuJoCo's, and what readers of URDF take; standard gravity is 9.80665
+# m/s^2: MuJoCo's default, which readers of URDF assume too; standard gravity is 9.80665
 GRAVITY = 9.81
 
 
@@ -29,7 +29,7 @@ class Shape:
 
 @dataclass(frozen=True)
 class KinematicTree:
-    """n moving links in depth-first order, link i behind joint i; every frame sits at its joint.
+    """n moving links in depth-first order, link i behind joint i; every frame has its origin at its joint.
 
     parent       (n,) index of the parent link, -1 for the base
     rotation     (n, 3, 3), position (n, 3): joint frame in the parent's frame at q = 0
@@ -64,7 +64,7 @@ class KinematicTree:
 
     @property
     def reach(self) -> float:
-        """m: every joint's distance from the one before it, together."""
+        """m: sum of every joint's distance from the one before it."""
         return float(np.linalg.norm(self.position[1:], axis=1).sum())
 
     @property
@@ -73,7 +73,7 @@ class KinematicTree:
         return len(self.joint_names)
 
     def moved_by(self, link: int) -> np.ndarray:
-        """(n,) bool: the joints that move a link, which are none for the base, -1."""
+        """(n,) bool: the joints that move a link; none for the base, -1."""
         found = np.zeros(self.n, dtype=bool)
         while link >= 0:
             found[link] = True
@@ -98,9 +98,10 @@ def combined(parts: list[tuple[float, np.ndarray, np.ndarray]]) -> tuple[float, 
 
 
 def possible_moments(inertia: np.ndarray, least: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
-    """Principal moments (3,) and axes (3, 3), a rotation, of the nearest inertia that a body can have: no second moment below `least`, kg m^2.
+    """Principal moments (3,) and axes (3, 3), a rotation, of the nearest inertia that a body can have.
 
-    Each moment is the sum of the second moments along the two other axes, so that two of them add up to the third at least.
+    No second moment is below `least` kg m^2. Each principal moment is the sum of the second moments along the two other axes,
+    so two of them add up to at least the third.
     """
     moments, axes = np.linalg.eigh(inertia)
     second = np.maximum(moments.sum() / 2 - moments, least)

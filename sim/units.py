@@ -1,4 +1,4 @@
-"""Units of a joint's numbers: a slide's are N for N m, m for rad and kg for kg m^2."""
+"""Units of a joint's numbers: for a slide N instead of N m, m instead of rad, and kg instead of kg m^2."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 
 
 def of_slide(unit: str) -> str:
-    """The unit of a slide's number, given that of a joint which turns: force for torque, length for angle, mass for inertia."""
+    """The unit for a slide, given that for a hinge: force for torque, length for angle, mass for inertia."""
     for turning, sliding in (("kg*m^2", "kg"), ("kg m^2", "kg"), ("N*m", "N"), ("N m", "N"), ("rad", "m")):
         unit = unit.replace(turning, sliding)
     return unit
@@ -23,5 +23,5 @@ def of_joints(unit: str, slides: np.ndarray) -> str:
 
 
 def headed(titles: Iterable[str], slides: np.ndarray) -> list[str]:
-    """Titles of columns with their units in square brackets made those of the joints."""
+    """Titles of columns, with the units in square brackets adapted to the joints."""
     return [re.sub(r"\[([^\]]+)\]", lambda found: f"[{of_joints(found[1], slides)}]", title) for title in titles]

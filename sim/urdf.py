@@ -23,11 +23,12 @@ Element = ElementTree.Element
 def urdf_text(arm: Arm, meshes: dict[str, Path] | None = None) -> str:
     """The URDF whose inverse dynamics under gravity (0, 0, -9.81) m/s^2 are those of the arm's rigid bodies.
 
-    A link's frame is its joint's frame; <inertial> has the centre of mass as origin and the inertia about it in the link's axes.
-    A tilted base becomes a fixed joint under the base. Viscous and dry friction stand in <dynamics>; rotor inertia, for which URDF has
-    no place, in each joint's <transmission> as <drake:rotor_inertia>, at the joint. <ros2_control> lists the joints with ROS's mock
-    hardware, to be replaced by the robot's driver. Comments name the effects that are left out. Capsules become a cylinder and two spheres; `meshes` names the file of each mesh shape.
-    ConfigError where the format demands a limit that the arm does not state, or gravity is not 9.81 m/s^2.
+    A link's frame is its joint's frame; <inertial> has the centre of mass as origin and the inertia about it in the link's
+    axes. A tilted base becomes a fixed joint under the base. Viscous and dry friction are in <dynamics>. Reflected inertia,
+    which URDF cannot hold, is in each joint's <transmission> as <drake:rotor_inertia>, at the joint. <ros2_control> lists the
+    joints with ROS's mock hardware, to be replaced by the robot's driver. Comments name the effects that are left out. Capsules
+    become a cylinder and two spheres; `meshes` names the file of each mesh shape. ConfigError if the format requires a limit
+    that the arm does not state, or if gravity is not 9.81 m/s^2.
     """
     require_limits(arm, "q_min", "q_max", "dq_max", "tau_max")
     tree, effort = arm.tree, effort_limits(arm)
@@ -67,7 +68,7 @@ def not_in_urdf(arm: Arm) -> list[ArmEffect]:
 
 
 def _add_drives(root: Element, arm: Arm) -> None:
-    """<transmission> with the rotor of each joint (https://drake.mit.edu, tag drake:rotor_inertia), and <ros2_control>."""
+    """<transmission> with each joint's reflected inertia (https://drake.mit.edu, tag drake:rotor_inertia), and <ros2_control>."""
     for name in arm.joint_names:
         transmission = ElementTree.SubElement(root, "transmission", name=f"{name}_transmission")
         ElementTree.SubElement(transmission, "type").text = "transmission_interface/SimpleTransmission"
@@ -94,12 +95,12 @@ def _add_drives(root: Element, arm: Arm) -> None:
 
 
 def base_name(arm: Arm) -> str:
-    """What the URDF calls the base: a name that no link has."""
+    """Name of the base in the URDF, one that no link has."""
     return next(n for n in ("base", "base_link", "arm_base", "calib_base") if n not in arm.tree.link_names)
 
 
 def viewer_text(arm: Arm) -> str:
-    """A URDF for viewers: a box about each mesh in its place, so that no other file is needed; "" where `urdf_text` has none."""
+    """A URDF for viewers with a box around each mesh in its place, so that no other file is needed; "" if `urdf_text` fails."""
     shapes = tuple(shape if shape.vertices is None else _boxed(shape) for shape in arm.tree.shapes)
     try:
         return urdf_text(replace(arm, tree=replace(arm.tree, shapes=shapes)))
@@ -108,7 +109,7 @@ def viewer_text(arm: Arm) -> str:
 
 
 def _boxed(shape: Shape) -> Shape:
-    """The box about a mesh."""
+    """The bounding box of a mesh."""
     corners = np.asarray(shape.vertices, dtype=float)
     least, most = corners.min(axis=0), corners.max(axis=0)
     place = shape.position + shape.rotation @ (0.5 * (least + most))
@@ -120,7 +121,7 @@ def rpy(rotation: np.ndarray) -> np.ndarray:
     r = rotation
     yaw = math.atan2(r[1, 0], r[0, 0])
     pitch = math.atan2(-r[2, 0], math.hypot(r[0, 0], r[1, 0]))
-    # roll from what is left once the yaw is taken out: right at any pitch, +-pi/2 included
+    # roll from the rotation without its yaw: valid at any pitch, +-pi/2 included
     c, s = math.cos(yaw), math.sin(yaw)
     roll = math.atan2(s * r[0, 2] - c * r[1, 2], c * r[1, 1] - s * r[0, 1])
     return np.array([roll, pitch, yaw]) + 0.0

@@ -1,4 +1,4 @@
-"""Which software this is: the released version, and a digest of the source that moves arms."""
+"""Identity of this software: the released version, and a digest of the source that moves arms."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ from pathlib import Path
 
 @cache
 def software_version() -> str:
-    """`0.1.0+3f2a9c1b04de`: the package's version, then twelve digits of SHA-256 over the source of safety, drivers, logs and sim.
+    """`0.1.0+3f2a9c1b04de`: package version, then twelve digits of SHA-256 over the source of safety, drivers, logs and sim.
 
-    Two checkouts with one version and different code are distinguished: an approval given to the one does not hold for the other.
+    Two checkouts of one version with different code are distinguished: an approval given for one is not valid for the other.
     """
     return _version("safety", "drivers", "logs", "sim")
 
 
 @cache
 def program_version() -> str:
-    """As `software_version`, over the source of everything, calib included: what is computed may differ where this does."""
+    """As `software_version`, over all source, calib included: results may differ where this does."""
     return _version("calib", "safety", "drivers", "logs", "sim")
 
 

@@ -1,4 +1,4 @@
-"""Motions of an arm in MuJoCo's own viewer, where there is a display."""
+"""Motions of an arm in MuJoCo's own viewer, if there is a display."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Launch = Callable[[Any, Any], Any]
 
 
 def require_display(environment: Mapping[str, str] = os.environ, platform: str = sys.platform) -> None:
-    """ConfigError where no window can be opened, or MuJoCo's viewer is not installed."""
+    """ConfigError if no window can be opened or MuJoCo's viewer is not installed."""
     if platform == "linux" and not (environment.get("DISPLAY") or environment.get("WAYLAND_DISPLAY")):
         raise ConfigError("--viewer: there is no display here (DISPLAY is not set); open plan.html in a browser instead")
     _launch()

@@ -65,7 +65,7 @@ def test_branches_and_unknown_joints_are_asked_about(gripper, tmp_path, capsys):
     gripper.write_text(gripper.read_text().replace('<mimic joint="f1"/>', ""))
     command = ["arm", "new", str(gripper), "--out", str(tmp_path / "arm")]
     assert main(command) == 2
-    assert "joints f1 and f2 both hang on b; an arm is one chain" in error_text(capsys)
+    assert "joints f1 and f2 are both attached to b; an arm is one chain" in error_text(capsys)
     assert main([*command, "--lock", "g1"]) == 2
     assert "has no joint 'g1'" in error_text(capsys)
     assert main([*command, "--tool", "handle"]) == 2
@@ -78,7 +78,7 @@ def test_masses_that_nobody_knows_are_unknown_to_every_fit(gripper, tmp_path, ca
     gripper.write_text(gripper.read_text().replace('<mass value="1"/>', '<mass value="0"/>'))
     command = ["arm", "new", str(gripper), "--tool", "hand"]
     assert main([*command, "--out", str(tmp_path / "no")]) == 2
-    assert "no mass of a; give the links their <inertial>, or say --geometry-only" in error_text(capsys)
+    assert "no mass for a; give the links their <inertial>, or use --geometry-only" in error_text(capsys)
     assert main([*command, "--geometry-only", "--torque-at", "joint", "--out", str(tmp_path / "arm")]) == 0
     arm = load_arm(tmp_path / "arm")
     assert (arm.prior.numbers, arm.torque_at) == ("unknown", "joint")
@@ -102,7 +102,7 @@ def test_an_inertia_that_no_body_has_is_named_unless_it_is_not_the_arms_or_only_
         "a stands still: nothing feels it"
     )
     assert main([*command, "--numbers", "guessed", "--out", str(tmp_path / "guessed")]) == 0
-    assert "the nearest possible one stands there" in load_arm(tmp_path / "guessed").provenance["left out"]
+    assert "the nearest possible one is used" in load_arm(tmp_path / "guessed").provenance["left out"]
     gripper.write_text(text.replace('ixx="0.01" iyy="0.02" izz="0.025" ixy="0.001"', 'ixx="0" iyy="0" izz="0" ixy="0"', 1))
     assert main([*command, "--numbers", "cad", "--out", str(tmp_path / "point")]) == 0
     assert load_arm(tmp_path / "point").tree.inertia[0].max() < 1e-5

@@ -53,7 +53,7 @@ def test_a_ros_package_becomes_an_arm_folder(package, tmp_path, capsys, with_roo
 
 def test_what_nobody_stated_stays_missing_and_is_reported(package, tmp_path, capsys):
     assert main(["arm", "new", str(package / "urdf" / "two.urdf"), "--out", str(tmp_path / "arm")]) == 0
-    assert "not stated, and needed before a motion: ddq_max, jerk_max" in " ".join(capsys.readouterr().err.split())
+    assert "not stated, and needed before any motion: ddq_max, jerk_max" in " ".join(capsys.readouterr().err.split())
     assert load_arm(tmp_path / "arm").incomplete == ("ddq_max", "jerk_max", "sensors")
 
 
@@ -80,7 +80,7 @@ def test_an_arm_that_is_there_is_not_overwritten(package, tmp_path, capsys):
     command = ["arm", "new", str(package / "urdf" / "two.urdf"), "--out", str(tmp_path / "arm")]
     assert main(command) == 0
     assert main(command) == 2
-    assert "is an arm already" in capsys.readouterr().err
+    assert "is already an arm" in capsys.readouterr().err
 
 
 def test_a_mesh_may_not_leave_its_package(package, tmp_path, capsys):
@@ -115,7 +115,7 @@ def test_a_robot_whose_name_is_none_for_an_arm_is_called_after_its_file(package,
     file.write_text(URDF.replace('name="two"', 'name="Prüfarm 1"'), encoding="utf-8")
     file = file.rename(file.with_name("cell-3.urdf"))
     assert main(["arm", "new", str(file), "--out", str(tmp_path / "arm")]) == 0
-    assert "'Prüfarm 1' can be no arm's name" in error_text(capsys)
+    assert "'Prüfarm 1' cannot be an arm's name" in error_text(capsys)
     assert load_arm(tmp_path / "arm").name == "cell-3"
 
 

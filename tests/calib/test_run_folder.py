@@ -63,14 +63,14 @@ def test_out_never_overwrites_what_is_not_a_run(tmp_path: Path) -> None:
     own = tmp_path / "precious"
     own.mkdir()
     (own / "thesis.tex").write_text("years of work")
-    with pytest.raises(ConfigError, match="holds files that are not those of a run"):
+    with pytest.raises(ConfigError, match="holds files that do not belong to a run"):
         new_run("ur10e", "plan", out=own)
     with pytest.raises(ConfigError, match="is a file"):
         new_run("ur10e", "plan", out=own / "thesis.tex")
     first = new_run("ur10e", "record", out=tmp_path / "new", operator="ada")
     before = (first / "run.toml").read_bytes()
     with pytest.raises(
-        ConfigError, match=r"is a run already, and a run is never overwritten; name a new folder, such as .*new-2"
+        ConfigError, match=r"is already a run, and runs are never overwritten; name a new folder, such as .*new-2"
     ):
         new_run("ur10e", "plan", out=first)
     assert (first / "run.toml").read_bytes() == before
@@ -82,7 +82,7 @@ def test_a_run_that_goes_on_keeps_how_it_began_and_ended_before() -> None:
     assert new_run("fleet", "fleet", Path("runs/fleet"), continues=True) == first
     assert tomllib.loads((first / "run-1.toml").read_text())["end"]["sentence"] == "two arms deviate"
     assert read_run(first).exit_code is None
-    with pytest.raises(ConfigError, match="is a run already"):
+    with pytest.raises(ConfigError, match="is already a run"):
         new_run("ur10e", "plan", first, continues=True)
 
 
@@ -92,14 +92,14 @@ def test_a_refused_run_gives_its_folder_to_the_corrected_command(tmp_path: Path)
     require_free(out)
     assert new_run("ur10e", "identify", out) == out
     assert tomllib.loads((out / "run-1.toml").read_text())["end"]["sentence"] == "the unit is wrong"
-    with pytest.raises(ConfigError, match="is a run already"):  # it has not ended
+    with pytest.raises(ConfigError, match="is already a run"):  # it has not ended
         require_free(out)
     end_run(out, 2, "the unit is wrong still")
     (out / "result.json").touch()
-    with pytest.raises(ConfigError, match="is a run already"):  # something was written
+    with pytest.raises(ConfigError, match="is already a run"):  # something was written
         require_free(out)
     end_run(new_run("ur10e", "plan", tmp_path / "no"), 1, "there is no such motion")
-    with pytest.raises(ConfigError, match="is a run already"):  # an answer
+    with pytest.raises(ConfigError, match="is already a run"):  # an answer
         require_free(tmp_path / "no")
 
 
@@ -141,7 +141,7 @@ def test_a_cell_serves_one_program_at_a_time(tmp_path: Path) -> None:
     try:
         lock_cell(real)
         INVOCATION.set(second)
-        with pytest.raises(DeviceError, match=rf"another program works with it \(PID {os.getpid()}\)"):
+        with pytest.raises(DeviceError, match=rf"another program is using it \(PID {os.getpid()}\)"):
             lock_cell(real)
         replacement = tmp_path / "edited"  # as editors write a file
         replacement.write_bytes(file.read_bytes())

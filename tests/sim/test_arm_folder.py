@@ -209,7 +209,7 @@ def test_only_an_arm_is_replaced(tmp_path):
     arm = load_arm("ur5e")
     (tmp_path / "notes").mkdir()
     (tmp_path / "notes" / "important.txt").write_text("keep")
-    with pytest.raises(ConfigError, match="something else"):
+    with pytest.raises(ConfigError, match="something other"):
         write_arm(tmp_path / "notes", arm)
     written = write_arm(tmp_path / "arm", arm)
     with pytest.raises(ConfigError, match="read from"):

@@ -58,7 +58,7 @@ TOML = {
     ),
 }
 MODEL = {
-    "negative mass": (r'mass="0.75"', 'mass="-0.75"', "<inertial> of <body name='.*'> mass=-0.75: a mass is not negative"),
+    "negative mass": (r'mass="0.75"', 'mass="-0.75"', "<inertial> of <body name='.*'> mass=-0.75: a mass cannot be negative"),
     "no mass": (r'mass="0.75"', 'mass="0"', "elbow|forearm|mass"),
     "triangle inequality": (r'fullinertia="0.0009 0.0048 0.0048', 'fullinertia="0.0009 0.0048 0.0068', "triangle inequality"),
     "negative inertia": (r'fullinertia="0.0009', 'fullinertia="-0.0009', "none may be negative"),
@@ -67,7 +67,7 @@ MODEL = {
     "negative damping": (r'damping="0.7"', 'damping="-0.7"', "must not be negative|negative"),
     "mesh outside": ("<worldbody>", '<asset><mesh file="../x.obj"/></asset><worldbody>', "leaves the folder"),
     "mesh at an address": ("<worldbody>", '<asset><mesh file="http://x/y.obj"/></asset><worldbody>', "not an address"),
-    "mesh missing": ("<worldbody>", '<asset><mesh file="x.obj"/></asset><worldbody>', "copy the file to there"),
+    "mesh missing": ("<worldbody>", '<asset><mesh file="x.obj"/></asset><worldbody>', "copy the file there"),
     "doctype": ("^<mujoco", '<!DOCTYPE m [<!ENTITY a "b">]><mujoco', "DOCTYPE or ENTITY"),
     "include": ("<worldbody>", '<include file="model.xml"/><worldbody>', "<include> is not read here"),
     "replicate": ("<worldbody>", '<worldbody><replicate count="9"/>', "<replicate> is not read here"),

@@ -26,7 +26,7 @@ def opened(tmp_path: Path, lines: str) -> Cell:
     ("angles", "message"),
     [
         ([0.0] * 5, "has 5 angles; ur10e has 6 joints: shoulder_pan_joint"),
-        ([0.0, -80.0, 75.0, -80.0, -70.0, 17.0], "shoulder_lift_joint at -80 rad; it turns from -6.283 to 6.283 rad"),
+        ([0.0, -80.0, 75.0, -80.0, -70.0, 17.0], "shoulder_lift_joint at -80 rad; its range is -6.283 to 6.283 rad"),
         ([0.0, 0.0, 0.0, 0.0, 0.0, 6.284], "wrist_3_joint at 6.284 rad"),
     ],
 )
@@ -71,7 +71,7 @@ def test_a_hidden_effect_that_cannot_be(tmp_path: Path, effect: str, message: st
 def test_what_a_cell_assumes(tmp_path: Path) -> None:
     opened(tmp_path, 'assume = ["watchdog-works"]')
     assert "pulling the cable" in load_cell(tmp_path / "cell.toml").assumed["watchdog-works"]
-    with pytest.raises(ConfigError, match=r"'watchdog-work' is nothing that can be assumed; did you mean 'watchdog-works'"):
+    with pytest.raises(ConfigError, match=r"'watchdog-work' is not a known assumption; did you mean 'watchdog-works'"):
         opened(tmp_path, 'assume = ["watchdog-work"]')
 
 

@@ -58,8 +58,8 @@ def torque_of(arm, q, dq, ddq):
 
 FOREIGN = {
     "gravcomp of body upper": {"body": 'gravcomp="1"'},
-    "higher terms of damping of joint first": {"joint": 'damping="1 2 3"'},
-    "higher terms of stiffness of joint first": {"joint": 'stiffness="10 20 30" springref="0.3"'},
+    "higher-order damping of joint first": {"joint": 'damping="1 2 3"'},
+    "higher-order stiffness of joint first": {"joint": 'stiffness="10 20 30" springref="0.3"'},
     "option density, viscosity": {"option": 'density="1000" viscosity="0.9"'},
     "stiffness, damping, armature and friction of tendon t": {
         "more": '<tendon><fixed name="t" stiffness="20" armature="0.5"><joint joint="first" coef="1"/><joint joint="second" coef="-1"/></fixed></tendon>'

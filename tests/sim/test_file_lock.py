@@ -34,7 +34,7 @@ def test_the_owner_is_named_for_as_long_as_it_lives(locks: Path) -> None:
         assert owner.stdout is not None
         owner.stdout.readline()
         with pytest.raises(
-            DeviceError, match=rf"can0: another program works with it \(PID {owner.pid}\); .* kill -INT {owner.pid}$"
+            DeviceError, match=rf"can0: another program is using it \(PID {owner.pid}\); .* kill -INT {owner.pid}$"
         ):
             lock_device("can0")
         lock_device("can1").close()
@@ -49,7 +49,7 @@ def test_a_lock_file_of_any_content_is_no_reason_to_fail(locks: Path) -> None:
     for content in (b"", b"\xff\0", b"9" * 100, "\u0661".encode()):
         with lock_device("can0"):
             file.write_bytes(content)
-            with pytest.raises(DeviceError, match="works with it"):
+            with pytest.raises(DeviceError, match="is using it"):
                 lock_device("can0")
     assert file.stat().st_mode & 0o777 == 0o666  # for every user, whoever came first
 

@@ -182,10 +182,10 @@ def test_wiring_that_cannot_be_is_a_config_error(bench, servo6):
 
     for changes, message in (
         ({"colour": 1}, "unknown key colour"),
-        (changed_servos(cell, 0, node=2), "node 2 stands twice"),
+        (changed_servos(cell, 0, node=2), "node 2 appears twice"),
         (changed_servos(cell, 0, joint="elbow"), "did you mean 'elbow_joint'"),
         (changed_servos(cell, 0, kp=0.0), "needs kp and kd above zero"),
-        (changed_servos(cell, 0, feedback=None), "lacks feedback"),
+        (changed_servos(cell, 0, feedback=None), "has no feedback"),
         ({"servos": cell.table.options["servos"][:5]}, "no drive for wrist_3_joint"),
         ({"watchdog": 2.0}, "watchdog"),
     ):

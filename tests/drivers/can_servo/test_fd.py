@@ -65,7 +65,7 @@ def test_fd_needs_an_interface_and_a_drive_that_know_it(servo6, tmp_path):
     cell = cell_of("robstride", options={"data_bitrate": FAST})
     for servo in cell.table.options["servos"]:
         servo["fd"] = True
-    with pytest.raises(ConfigError, match=r"fd = true; that needs data_bitrate .* here it is robstride"):
+    with pytest.raises(ConfigError, match=r"fd = true; that needs data_bitrate .* this one is robstride"):
         can_options(cell, servo6)
 
 
@@ -85,7 +85,7 @@ def test_candle_light_adapters(servo6, monkeypatch, tmp_path):
         Link.open(options, MonotonicClock())
     assert (opened["interface"], opened["index"], opened["bitrate"]) == ("gs_usb", 1, 1_000_000)
     with pytest.raises(
-        ConfigError, match=r"python-can has none of that name.*Candle-light adapters: on Linux the kernel drives"
+        ConfigError, match=r"python-can has no interface of that name.*Candle-light adapters: on Linux the kernel drives"
     ):
         Link.open(options.model_copy(update={"interface": "candle"}), MonotonicClock())
 

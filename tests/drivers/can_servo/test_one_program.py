@@ -35,7 +35,7 @@ def test_who_comes_second_is_refused_and_the_arm_that_moves_hears_nothing_of_it(
     emulator, cell = started(wire_cell(interface, tmp_path), servo6)
     driver, rest = CanServo.from_cell(cell, servo6), np.array(cell.table.rest)
     options = can_options(cell, servo6)
-    named = rf"another program works with it \(PID {os.getpid()}\).*support the arm, then kill -INT {os.getpid()}"
+    named = rf"another program is using it \(PID {os.getpid()}\).*support the arm, then kill -INT {os.getpid()}"
     try:
         with driver:
             swing(driver, rest, 10)
@@ -71,7 +71,7 @@ def test_an_adapter_is_the_same_one_by_whatever_name(tmp_path, servo6):
     try:
         link = Link.open(options, MonotonicClock())
         for name in (tmp_path / "by-id", channel.resolve(), f"{channel}@115200"):
-            with pytest.raises(DeviceError, match="works with it"):
+            with pytest.raises(DeviceError, match="is using it"):
                 Link.open(options.model_copy(update={"channel": str(name)}), MonotonicClock())
         link.close()
         Link.open(options, MonotonicClock()).close()

@@ -80,7 +80,7 @@ def test_only_a_ur_is_captured(capsys: pytest.CaptureFixture[str]) -> None:
 def test_a_file_that_is_no_capture_is_refused(tmp_path: Path, lines: list[str]) -> None:
     file = tmp_path / "x.jsonl.gz"
     file.write_bytes(gzip.compress("\n".join(lines).encode()))
-    with pytest.raises(BadLog, match=r"none of a capture"):
+    with pytest.raises(BadLog, match=r"not part of a capture"):
         read_capture(file)
     file.write_bytes(b"nothing compressed")
     with pytest.raises(BadLog):
