@@ -1,1 +1,1 @@
-"""From measurements to an arm's parameters: tau = Y(q, dq, ddq) beta + friction, by weighted least squares and what it needs."""
+"""From measurements to an arm's parameters: tau = Y(q, dq, ddq) beta + friction, by weighted least squares."""

@@ -1,8 +1,8 @@
-"""What a fit takes out of its own residuals, given back: the noise's colour, its size, and the spread of the scores.
+"""Noise that a fit absorbs, added back: colour and size of the noise, and the spread of the scores.
 
-The motions that identify an arm are slow, a few tenths of a hertz, and so are the columns of their rows. Parameters fitted to them absorb noise of
-just these frequencies, and residuals show too little of the noise that matters: intervals from them would be a tenth to a fifth too
-narrow. Noise of known colour, fitted by the same columns, shows how much is absorbed.
+Motions that identify an arm are slow, a few tenths of a hertz, and so are the regressor columns. The fitted parameters absorb
+noise at exactly these frequencies, so the residuals understate it, and intervals from them would be a tenth to a fifth too
+narrow. Simulated noise of known colour, fitted by the same columns, shows how much is absorbed.
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ DRAWS = 24
 
 
 def random_of(block: Block) -> np.random.Generator:
-    """Random numbers of some rows, whatever the order in which the logs are given."""
+    """Random generator of a block, seeded by its rows, so that the order of the logs does not matter."""
     return np.random.default_rng(zlib.crc32(block.b.tobytes()))
 
 
 def residual_noise(rows: RegressorRows, theta: np.ndarray, variance: np.ndarray, gain: np.ndarray) -> Noise:
-    """Each joint's noise, from the residuals of theta (p,) with what they lost to the fit given back.
+    """Noise of each joint, from the residuals of theta (p,) with the absorbed part added back.
 
-    variance (n,) by which theta weighted the joints, gain (p, p) the inverse of its information.
+    variance (n,): weights of the joints in the fit of theta, as 1 / variance. gain (p, p): inverse of its information.
     """
     n, p = rows.model.arm.n, rows.model.p
     own = [[block.of_joint(j) for j in range(n)] for block in rows]
@@ -58,7 +58,7 @@ def residual_noise(rows: RegressorRows, theta: np.ndarray, variance: np.ndarray,
 
 
 def leverage(rows: RegressorRows, weights: Reference, gain: np.ndarray) -> np.ndarray:
-    """(n,) share of the whitened rows' variance that the fit absorbs, trace(H_j) / N_j."""
+    """(n,) share of the white rows' variance that the fit absorbs, trace(H_j) / N_j."""
     n = rows.model.arm.n
     trace, count = np.zeros(n), np.zeros(n)
     for block in rows:
@@ -70,10 +70,11 @@ def leverage(rows: RegressorRows, weights: Reference, gain: np.ndarray) -> np.nd
 
 
 def spread(rows: RegressorRows, weights: Reference, gain: np.ndarray, noise: Noise) -> tuple[np.ndarray, np.ndarray]:
-    """What noise of this colour makes of the variances (p,) that the weights alone state, and of those from products of neighbouring scores.
+    """Two factors (p,) for noise of this colour: on variances that the weights state, and on those from neighbouring scores.
 
-    First how many times larger than diag(gain) the estimate's variance is, 1 where all rows are whitened; then by what the products of scores
-    understate it.
+    The first is the estimate's variance over the one that the weights state; 1 where all joints' rows are filtered to white
+    noise. The second is the factor, at least 1, by which the products of neighbouring scores understate the estimate's
+    variance.
     """
     p = rows.model.p
     lags = max(1, round(MEMORY_SECONDS * rows.row_rate))

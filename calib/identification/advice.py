@@ -1,7 +1,8 @@
-"""C_then = (C^-1 + G)^-1 with G = sum y y^T / sigma^2: of a menu of motions, the one after which a poorly known parameter is known best.
+"""C_then = (C^-1 + G)^-1 with G = sum y y^T / sigma^2: which of a menu of motions best determines the poorly known parameters.
 
-C is the covariance of the estimate and y are the columns along the motion; no torque is needed to know what a motion would determine. The menu
-moves one joint or two, slowly or fast, about postures that the logs did not rest in; few motions are named that together serve most parameters.
+C is the covariance of the estimate, and y are the regressor columns along the motion, which need no torque. The menu moves one
+joint slowly or fast, or two joints fast, about the centre of the logs' motion, also with one joint turned by 90 degrees. A few
+motions are chosen that together serve most parameters.
 """
 
 from __future__ import annotations
@@ -19,21 +20,19 @@ from calib.regression.normal_equations import Prior, inverse
 from sim.trajectory import Trajectory
 
 SECONDS, RATE = 20.0, 20.0
-ROWS_A_SECOND = 20.0  # that a filter of 8 Hz leaves, for about the same number of independent readings
+ROWS_A_SECOND = 20.0  # of a filter at 8 Hz, with about as many independent readings
 REACH, LEAST_REACH = 1.2, 0.05  # rad to either side
 SLOW, FAST = 0.06, 0.5  # of dq_max
-WORTH, NEAR = (
-    0.6,
-    0.7,
-)  # a motion that leaves more of the standard deviation, or does much worse than the best, is not worth the time
-MOST = 5  # motions that one operator is asked to run
+# a motion that leaves more than WORTH of the standard deviation, or does much worse than the best (NEAR), is not worth the time
+WORTH, NEAR = 0.6, 0.7
+MOST = 5  # motions that an operator is asked to run
 
 
 @dataclass(frozen=True)
 class Advice:
-    """A motion, in words and as a path, and the parameters that it would make known; std: each one's now and after it.
+    """A motion, in words and as a path, and the parameters that it would determine; std: of each, now and after it.
 
-    Where no motion of the menu helps, path is None and the words say so.
+    Where no motion of the menu helps, path is None and `motion` says so.
     """
 
     motion: str
@@ -45,9 +44,9 @@ class Advice:
 def advice(
     model: TorqueModel, solution: Solution, nominal: Prior, unknown: Sequence[int], home: np.ndarray
 ) -> tuple[Advice, ...]:
-    """What to record for the columns `unknown`, most helpful motion first; home (n,) rad is where the logs' motion was centred.
+    """What to record for the columns `unknown`, most helpful motion first; home (n,) rad: centre of the logs' motion.
 
-    Columns that no motion of the menu helps are in the last entry, whose motion says so. None where no joint has room to move.
+    The last entry holds the columns that no motion of the menu helps. Empty if nothing is unknown or no joint has room to move.
     """
     if not len(unknown):
         return ()
@@ -60,7 +59,7 @@ def advice(
         return ()
     then = np.array([np.sqrt(np.diag(inverse(now + _information(model, solution.sigma, path)))) for _, _, path in menu])
     effort = np.array([moving for _, moving, _ in menu])
-    # a motion is for those that it makes known, or, failing that, brings much nearer
+    # a motion serves the parameters that it determines or, failing that, improves much
     helped = {k: (then[:, k] < enough[k]) | (then[:, k] < WORTH * min(std[k], then[:, k].min() / NEAR)) for k in unknown}
     names, left = [name.split(" ")[0] for name in model.names], list(unknown)
     entries: list[Advice] = []
@@ -87,7 +86,7 @@ def advice(
 
 
 def sentence(item: Advice, most: int = 4) -> str:
-    """An advice as a person reads it."""
+    """The advice as a sentence."""
     left = len(item.parameters) - most
     more = f" and {left} other{'s' if left > 1 else ''}" if left > 0 else ""
     return f"for {', '.join(item.parameters[:most])}{more}: {item.motion}"
@@ -105,7 +104,7 @@ def _menu(model: TorqueModel, home: np.ndarray) -> list[tuple[str, int, Trajecto
             for word, share in (("slowly", SLOW), ("fast", FAST)):
                 motion = _motion(model, posture, t, {j: (share, 1.0)})
                 rate = f"up to {np.abs(motion.dq[:, j]).max():.2g} rad/s"
-                out.append((f"move {arm.joint_names[j]} {word} to and fro ({rate}){where}", 1, motion))
+                out.append((f"move {arm.joint_names[j]} {word} back and forth ({rate}){where}", 1, motion))
         for i, j in itertools.combinations(free, 2):
             motion = _motion(model, posture, t, {i: (FAST, 1.0), j: (FAST, 1.37)})
             out.append(
@@ -115,7 +114,7 @@ def _menu(model: TorqueModel, home: np.ndarray) -> list[tuple[str, int, Trajecto
 
 
 def _turned(model: TorqueModel, home: np.ndarray) -> list[tuple[str, np.ndarray]]:
-    """Postures in which one joint of the last half stands a quarter of a turn away, where its limits allow that, for gravity to pull another way."""
+    """Postures with one joint of the last half turned by 90 degrees, within its limits, so that gravity acts differently."""
     arm, out = model.arm, []
     lo, hi = _limits(model)
     for j in range(arm.n // 2, arm.n):
@@ -128,13 +127,13 @@ def _turned(model: TorqueModel, home: np.ndarray) -> list[tuple[str, np.ndarray]
 
 
 def _limits(model: TorqueModel) -> tuple[np.ndarray, np.ndarray]:
-    """(n,) rad each; a joint without limits turns for ever."""
+    """Lower and upper limits, (n,) rad each; infinite where a joint has none."""
     arm = model.arm
     return np.where(np.isnan(arm.q_min), -np.inf, arm.q_min), np.where(np.isnan(arm.q_max), np.inf, arm.q_max)
 
 
 def _room(model: TorqueModel, posture: np.ndarray, j: int) -> float:
-    """rad, at most REACH, by which joint j can move to both sides."""
+    """rad, at most REACH, by which joint j can move to either side."""
     lo, hi = _limits(model)
     return float(min(REACH, 0.9 * (hi[j] - posture[j]), 0.9 * (posture[j] - lo[j])))
 
@@ -154,7 +153,7 @@ def _motion(model: TorqueModel, posture: np.ndarray, t: np.ndarray, moving: dict
 
 
 def _information(model: TorqueModel, sigma: np.ndarray, path: Trajectory) -> np.ndarray:
-    """(p, p) information of a motion's rows at the residual that the fit left; standing joints carry none about their friction."""
+    """(p, p) information of a motion's rows, with the fit's residual sigma (n,); rows of standing joints carry none."""
     a = model.columns(path.q, path.dq, path.ddq)
     still = ~np.any(path.dq, axis=0)
     for j in range(model.arm.n):

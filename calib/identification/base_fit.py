@@ -1,4 +1,4 @@
-"""Weighted least squares over all logs of an arm: what is surveyed, how it is weighted, and the solution before any question of what can exist."""
+"""Weighted least squares over all logs of an arm: survey, weights, and the solution before physical consistency."""
 
 from __future__ import annotations
 
@@ -35,11 +35,16 @@ SURVEY_SECONDS = 600.0
 
 @dataclass(frozen=True)
 class Options:
-    """How to identify. cutoff Hz of the common filter (None: from the motion, or lower where that predicts better); robust: downweight outliers such as reversals;
-    masses_only: keep every link's inertia about its centre of mass; slip_width rad (None: from the data); gamma: weight of the
-    nominal model in the choice among arms that explain the data equally well; max_error: of a joint's torque, for a good fit; laws: fit
-    friction with memory where it predicts better; speed: choose between differences of the position and the reported speed, or take what
-    the arm states.
+    """Settings of an identification.
+
+    cutoff       Hz of the common filter; None: from the motion, or lower where that predicts better
+    robust       downweight outliers such as reversals
+    masses_only  keep every link's inertia about its centre of mass
+    slip_width   rad; None: from the data
+    gamma        weight of the nominal model in the choice among arms that explain the data equally well
+    max_error    of a joint's torque, for a good fit
+    laws         fit friction with memory where it predicts better
+    speed        choose between differences of the position and the reported speed, or take what the arm states
     """
 
     cutoff: float | None = None
@@ -53,15 +58,16 @@ class Options:
 
 
 def silent(stage: str, share: float) -> None:
-    """Nothing is shown."""
+    """Progress that shows nothing."""
 
 
 @dataclass(frozen=True)
 class BaseFit:
-    """Columns and their solution, before any question of what can exist.
+    """Model and solution before physical consistency.
 
-    measurements are those surveyed, with what their logs' readers found; names and excluded those of all logs; often (n,) as
-    calib.measurement.reversals says; by_command: the estimate by instruments, where the logs hold the commanded motion.
+    measurements, remarks: of the surveyed logs, the remarks as their readers found them. names, excluded: of all logs. often
+    (n,): calib.measurement.reversals.reverses_often. by_command: the instrumental estimate, where the logs hold the commanded
+    motion.
     """
 
     model: TorqueModel
@@ -135,7 +141,7 @@ def fitted(arm: Arm, logs: Sequence[Log], options: Options, progress: Progress =
 
 
 def survey(logs: Sequence[Log]) -> list[int]:
-    """Indices of logs that together last SURVEY_SECONDS at most, spread evenly over all; all of them where they last no longer."""
+    """Indices of evenly spread logs that in all last at most SURVEY_SECONDS, at least one; all logs if they last no longer."""
     seconds = logs.seconds if isinstance(logs, Pieces) else [float(log.t[-1] - log.t[0]) for log in logs]
     if sum(seconds) <= SURVEY_SECONDS:
         return list(range(len(logs)))
@@ -144,9 +150,9 @@ def survey(logs: Sequence[Log]) -> list[int]:
 
 
 def measure(log: Log, arm: Arm, cutoff: float | None = None) -> Measurement:
-    """The measurement in a log, less the torque of those effects of the arm that the fit leaves as they are.
+    """The measurement in a log, minus the torque of those effects of the arm that the fit does not estimate.
 
-    Where the log repeats its motion, the motion is the average over its periods.
+    A motion that repeats itself is averaged over its periods.
     """
     m = averaged(prepare(log, arm, cutoff))
     others = [e for e in arm.effects if e.effect not in LINEAR_EFFECTS]

@@ -1,4 +1,4 @@
-"""Fitted numbers as an arm: the same noun as the nominal one, so that it goes wherever that goes."""
+"""Fitted parameters as an arm, which serves wherever the nominal arm does."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from sim.effects.presliding_friction import built_up
 from sim.rigid_body import link_inertia
 
 FITTED_PROVENANCE = "links, reflected inertias, friction, offsets"
-# after a fit to motion alone, of an arm whose numbers nobody had measured: what one recording of some 20 s leaves open
+# prior after a fit to motion alone of an arm whose numbers had not been measured: what one recording of about 20 s leaves open
 FOUND = {
     "numbers": "measured",
     "unknown": [],
@@ -32,7 +32,7 @@ LINEAR_EFFECTS = ("coulomb_friction", "viscous_friction", "rotor_inertia", "torq
 
 
 def write_calibrated(folder: Path, nominal: Arm, calibrated: Arm) -> Arm:
-    """The folder of a calibrated arm, written over its nominal model file; returns it as it loads."""
+    """Write the folder of a calibrated arm, based on its nominal model file; return the arm as loaded from there."""
     tree = calibrated.tree
     provenance = {FITTED_PROVENANCE: calibrated.provenance[FITTED_PROVENANCE]}
     if calibrated.torque_constant is not nominal.torque_constant:
@@ -52,9 +52,11 @@ def write_calibrated(folder: Path, nominal: Arm, calibrated: Arm) -> Arm:
 def calibrated_arm(
     arm: Arm, model: TorqueModel, possible: PossibleArm, std: np.ndarray, sources: Sequence[str], laws: Sequence[ArmEffect] = ()
 ) -> Arm:
-    """`arm` with the links, rotors, friction and offsets of `possible`; its other effects stay as they are.
+    """`arm` with the links, reflected inertias, friction and offsets of `possible`; its other effects stay unchanged.
 
-    std (p,) goes with the friction and offsets. Dry friction that turns over more than the narrowest slip width becomes a presliding stiffness, level / width.
+    std (p,): of friction and offsets, and of a reflected inertia that is a base parameter by itself. Dry friction that reverses
+    over more than the narrowest slip width becomes a presliding stiffness, level / width. laws: added to the arm's own of that
+    joint.
     """
     n = arm.n
     links = [link_inertia(possible.pi[10 * i : 10 * i + 10]) for i in range(n)]
@@ -72,7 +74,7 @@ def calibrated_arm(
         frictionloss=own["coulomb"],
     )
     known = {kind: [float(std[model.friction_column(kind, j)]) for j in range(n)] for kind in own}
-    # a rotor that stands alone in a base parameter has a standard deviation of its own
+    # a reflected inertia that is a base parameter by itself has its own standard deviation
     alone = {name: float(s) for name, s in zip(model.names, std, strict=True) if name.startswith("Ia_")}
     effects = []
     for j, joint in enumerate(arm.joint_names):
@@ -96,7 +98,7 @@ def calibrated_arm(
 
 
 def _known(prior: PriorTable) -> PriorTable:
-    """How well the numbers of the calibrated arm are known: those that nobody had stated are measured now."""
+    """Prior of the calibrated arm: guessed or unknown numbers are now measured."""
     if prior.numbers not in ("guessed", "unknown"):
         return prior.model_copy(update={"unknown": []})
     return prior.model_copy(update=FOUND)

@@ -1,4 +1,4 @@
-"""What an identification claims, from its numbers and from what it wrote."""
+"""Claims of an identification, from its numbers and from the arm that it wrote."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ from sim.effects.friction_law import formula
 from sim.prior import unstated
 
 LAW = "friction_law"
-KEPT = 0.1  # of the file's own standard deviation: a number that moved by less stays where it was
-CHANGED = 1.0  # of the estimate's: what is written differs from it by more where the arm could not exist otherwise
+KEPT = 0.1  # of the file's own standard deviation: a number that moved by less counts as kept
+CHANGED = 1.0  # of the estimate's standard deviation: what is written differs by more where physical consistency requires it
 WORSE = 0.02  # relative rise of a joint's RMS torque error
 ASIDE = ("friction_laws", "projected", "out_of_bounds", "speed_reading", "cutoff")  # stated among the findings
 
 
 def shown(result: FitResult) -> tuple[Gap, str]:
-    """The residual that a fit is assessed by, and which logs it is of."""
+    """The residual that a fit is assessed by, and the logs that it is from."""
     return (result.holdout, "the held-out logs") if result.holdout else (result.training, "the training logs")
 
 
 def assessment_of(arm: Arm, result: FitResult, most: float | None = None) -> Assessment:
-    """The fitted arm, assessed by the held-out logs, or by the training logs where nothing was held out."""
+    """Assessment of the fitted arm on the held-out logs, or on the training logs if none is held out."""
     gap, _ = shown(result)
     return assess(result.joint_names, gap.after, gap.signal, arm.tau_max, most)
 
@@ -35,7 +35,7 @@ def assessment_of(arm: Arm, result: FitResult, most: float | None = None) -> Ass
 def claims(
     arm: Arm, result: FitResult, verdict: Assessment, written: Arm, measurements: Sequence[Measurement]
 ) -> tuple[Claim, ...]:
-    """What the outcome says, in its order; arm: the nominal one; written: the identified one; measurements: that it was fitted to."""
+    """Claims in the order of the outcome; arm: nominal; written: identified; measurements: those it was fitted to."""
     gap, where = shown(result)
     out = [verdict.claim(result.arm, where), *driving_claims(written, measurements, gap.after)]
     beyond = [k for k, v in enumerate(verdict.verdicts) if v is Verdict.POOR]
@@ -77,12 +77,12 @@ def claims(
 
 
 def is_changed(e: Estimate) -> bool:
-    """Whether what is written differs from the estimate by more than its standard deviation."""
+    """Whether the written value differs from the estimate by more than the estimate's standard deviation."""
     return e.written is not None and abs(e.written - e.value) > CHANGED * e.std
 
 
 def _moved(e: Estimate) -> float:
-    """How far what is written is from the file's value, in the file's own standard deviations."""
+    """Distance of the written value from the file's value, in the file's own standard deviations."""
     if e.written is None or e.nominal is None:
         return float("inf")
     if not e.prior_std:

@@ -1,7 +1,8 @@
-"""min |A x - b|^2 / wider + gamma sum_i (tr K_i - log det K_i), K_i > 0 (4, 4): a convex program, solved by Clarabel's interior point method.
+"""min |A x - b|^2 / wider + gamma sum_i (tr K_i - log det K_i), K_i > 0 (4, 4): a convex program.
 
-log det K >= sum_k log z_kk for every lower triangular Z with [[K, Z], [Z^T, diag Z]] >= 0, with equality at the best Z (MOSEK Modeling
-Cookbook 6.2.3), so the program has an 8 x 8 semidefinite cone and four exponential cones a link.
+Clarabel's interior point method solves it. log det K >= sum_k log z_kk for every lower triangular Z with
+[[K, Z], [Z^T, diag Z]] >= 0, with equality at the best Z (MOSEK Modeling Cookbook 6.2.3), so the program has an 8 x 8
+semidefinite cone and four exponential cones per link.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ SOLVED = ("Solved", "AlmostSolved")
 
 
 def symmetric(upper: np.ndarray) -> np.ndarray:
-    """(4, 4) of its upper triangle (10,), column by column."""
+    """Symmetric matrix (4, 4) from its upper triangle (10,), column by column."""
     out = np.zeros((SIDE, SIDE))
     for (i, j), value in zip(UPPER, upper, strict=True):
         out[i, j] = out[j, i] = value
@@ -29,11 +30,11 @@ def symmetric(upper: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class ConeProgram:
-    """x holds the upper triangles of the K_i (10 each), then whatever else the misfit depends on.
+    """x holds the upper triangles of the K_i (10 each), then everything else that the misfit depends on.
 
     misfit    A (m, len x) and b (m,)
     kept      C (k, len of the triangles) and d (k,): C x = d
-    positive  places of x that are not negative
+    positive  indices of x that must not be negative
     """
 
     links: int
@@ -42,7 +43,7 @@ class ConeProgram:
     positive: Sequence[int]
 
     def solved(self, gamma: float, wider: float) -> tuple[np.ndarray | None, str]:
-        """x, or None where the solver found none, and the solver's word for how it ended."""
+        """x, or None where the solver found none, and the solver's status."""
         (a, b), (c, d), n = self.misfit, self.kept, self.links
         rows, width = a.shape
         # x, Z of each link (10), log z_kk of each link (4), and the misfit itself
@@ -78,7 +79,7 @@ def _picked(places: Sequence[int], total: int) -> sparse.csr_array:
 
 
 def _cones(k: int, z: int, u: int, total: int) -> tuple[sparse.csr_array, sparse.csr_array]:
-    """Rows s = -A x of one link, whose triangle begins at k: of [[K, Z], [Z^T, diag Z]], scaled as Clarabel's triangles are, and of (u, 1, z_kk)."""
+    """Rows s = -A x of one link, with its triangle at k: [[K, Z], [Z^T, diag Z]] with Clarabel's scaling, and (u, 1, z_kk)."""
     root = np.sqrt(2.0)
     where: list[tuple[int, int, float]] = []
     row = 0
@@ -101,5 +102,5 @@ def _minus(entries: Sequence[tuple[int, int, float]], rows: int, total: int) -> 
 
 
 def _own(matrix: sparse.csc_array) -> sparse.csc_matrix:
-    """As Clarabel takes it: the older of SciPy's two sparse types."""
+    """The matrix in the older of SciPy's two sparse types, which Clarabel expects."""
     return sparse.csc_matrix(matrix)

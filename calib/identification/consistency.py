@@ -1,9 +1,9 @@
-"""min |theta_hat - B pi|^2_S + gamma sum_i D(J_i, J0_i), J_i > 0: the possible arm nearest to the data and, where they are silent, to
-the nominal model.
+"""min |theta_hat - B pi|^2_S + gamma sum_i D(J_i, J0_i), J_i > 0: the physically consistent arm nearest to the data and, where
+these carry no information, to the nominal model.
 
-J = [[tr(I)/2 1 - I, h], [h^T, m]] is a link's pseudo-inertia; it is positive definite exactly for a mass distribution that exists
-(P. Wensing, S. Kim, J.-J. Slotine 2018, doi:10.1109/LRA.2017.2729659). D(J, J0) = tr(J0^-1 J) - log det(J0^-1 J) - 4 is the entropic
-divergence, which does not depend on units or frames (T. Lee, P. Wensing, F. Park 2020, doi:10.1109/TRO.2019.2926491).
+J = [[tr(I)/2 1 - I, h], [h^T, m]] is a link's pseudo-inertia; it is positive definite if and only if a mass distribution has it
+(P. Wensing, S. Kim, J.-J. Slotine 2018, doi:10.1109/LRA.2017.2729659). D(J, J0) = tr(J0^-1 J) - log det(J0^-1 J) - 4 is the
+entropic divergence, which does not depend on units or frames (T. Lee, P. Wensing, F. Park 2020, doi:10.1109/TRO.2019.2926491).
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ from calib.identification.model import TorqueModel
 from sim.errors import AnswerIsNo
 
 GAMMA = 0.5
-# Where an effect that the model lacks bends the estimates by hundreds of standard deviations, the solver finds no way back from them. Then
-# the covariance counts as that much wider, until it does.
+# Where an effect missing from the model biases the estimates by hundreds of standard deviations, the solver may find no
+# solution. The covariance is then widened by these factors until it does.
 WIDER = (1.0, 1e2, 1e4, 1e6)
 
 
 @dataclass(frozen=True)
 class PossibleArm:
-    """pi (11 n,): link parameters and rotor inertias that exist; theta (p,) what they and the friction give in the model's columns."""
+    """pi (11 n,): consistent link parameters and reflected inertias; theta (p,): these and friction in the model's columns."""
 
     pi: np.ndarray
     theta: np.ndarray
@@ -67,9 +67,11 @@ def possible_arm(
     gamma: float = GAMMA,
     masses_only: bool = False,
 ) -> PossibleArm:
-    """The nearest arm that can exist; nominal (11 n,). With `masses_only` each link keeps its inertia about its nominal centre of mass.
+    """The nearest physically consistent arm; nominal (11 n,).
 
-    AnswerIsNo where the conic solver finds no such arm, which means that the data contradict every possible one.
+    With `masses_only` each link keeps its inertia about its nominal centre of mass.
+
+    AnswerIsNo where the conic solver finds none: the data then contradict every physically consistent arm.
     """
     n, b = model.arm.n, len(model.base)
     roots = [_root(pseudo_inertia(nominal[10 * i : 10 * i + 10])) for i in range(n)]
@@ -97,13 +99,13 @@ def possible_arm(
             "contradicts the model: compare them with `calib validate`"
         )
     found, own = maps @ x[: 11 * n], size * x[11 * n :]
-    # the solver keeps its bounds to within rounding
+    # the solver meets its bounds only to within rounding
     own[signed], found[10 * n :] = np.maximum(own[signed], 0.0), np.maximum(found[10 * n :], 0.0)
     return PossibleArm(found, np.concatenate([model.base.projection @ found, own]))
 
 
 def _root(j: np.ndarray) -> np.ndarray:
-    """S with S S^T = J, after the least lift that makes J positive definite (a nominal link may be a point mass)."""
+    """S with S S^T = J, after small eigenvalues of J are raised to a positive floor (a nominal link may be a point mass)."""
     value, vector = np.linalg.eigh(j)
     floor = max(1e-6 * value[-1], 1e-9)
     return vector * np.sqrt(np.maximum(value, floor))
@@ -115,7 +117,7 @@ def _link_map(root: np.ndarray) -> np.ndarray:
 
 
 def _conditioned(covariance: np.ndarray) -> np.ndarray:
-    """Covariance with relative standard deviations of its directions within 1e8 of the smallest, for the solver's sake."""
+    """Covariance whose correlation matrix has its eigenvalues raised to at least 1e-10 of the largest, for the solver."""
     std = np.sqrt(np.diag(covariance))
     value, vector = np.linalg.eigh(covariance / np.outer(std, std))
     value = np.maximum(value, 1e-10 * value[-1])

@@ -1,9 +1,10 @@
-"""theta' = theta_0 + P (C + P)^-1 (theta - theta_0), P = sum_g s_g^2 P_g: estimates drawn to the nominal arm as far as both err.
+"""theta' = theta_0 + P (C + P)^-1 (theta - theta_0), P = sum_g s_g^2 P_g: estimates shrunk towards the nominal arm.
 
-theta - theta_0 ~ N(0, C + P): the scales s_g of the nominal arm's stated errors, of every link by itself, of rotors, viscous and dry
-friction and offsets, are those of maximum evidence (empirical Bayes: B. Efron, C. Morris 1973, doi:10.2307/2284155; C. Bishop 2006,
-Pattern Recognition and Machine Learning, section 3.5). A short log decides little by itself and takes much from the nominal arm; a long
-one makes C vanish; and an arm whose numbers are wrong gets large scales, which leave the estimates as they are.
+C is the covariance of the estimates, and theta - theta_0 ~ N(0, C + P). The scales s_g of the nominal arm's stated errors
+maximise the evidence (empirical Bayes: B. Efron, C. Morris 1973, doi:10.2307/2284155; C. Bishop 2006, Pattern Recognition and
+Machine Learning, section 3.5). There is one scale for each link, one for the reflected inertias, and one each for viscous
+friction, dry friction and offsets. A short log determines little and takes much from the nominal arm. A long log makes C
+vanish. Where the nominal numbers are wrong, large scales leave the estimates unchanged.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ LEAST, MOST = 1e-4, 1e6
 
 
 def drawn_to_nominal(arm: Arm, model: TorqueModel, theta: np.ndarray, covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """theta' (p,) and its covariance (p, p) from estimates theta with `covariance` that used nothing of the nominal arm."""
+    """theta' (p,) and its covariance (p, p), from theta and `covariance` of a fit that did not use the nominal arm."""
     return posterior(theta, covariance, model.nominal(), stated_errors(arm, model))
 
 
@@ -35,7 +36,7 @@ def posterior(
     parts = [e / np.outer(size, size) for e in errors]
 
     def evidence(x: np.ndarray) -> tuple[float, np.ndarray]:
-        """-2 log of it, and its slopes by x = log s^2."""
+        """-2 log evidence up to a constant, and its gradient with respect to x = log s^2."""
         whole = c + sum(np.exp(s) * p for s, p in zip(x, parts, strict=True))
         inverse = np.linalg.inv(whole)
         a = inverse @ apart
@@ -51,7 +52,7 @@ def posterior(
 
 
 def stated_errors(arm: Arm, model: TorqueModel) -> list[np.ndarray]:
-    """(p, p) covariances of the nominal arm's errors in the model's columns: one of each link, of rotors, and of each kind of friction."""
+    """(p, p) error covariances of the nominal arm in the model's columns: per link, reflected inertias, each friction."""
     n, b, p = arm.n, len(model.base), model.p
     full, project = full_covariance(arm), model.base.projection
     out = []

@@ -1,4 +1,4 @@
-"""Numbers with their uncertainty: base parameters and friction from the data, link parameters with what is data and what is prior."""
+"""Estimates with uncertainty: base parameters and friction from the data alone, link parameters from data and prior."""
 
 from __future__ import annotations
 
@@ -10,21 +10,21 @@ from calib.identification.model import TorqueModel, parameter_unit
 from calib.regression.normal_equations import Prior, inverse
 from calib.result import Estimate
 
-# A parameter counts as identified where the data leave it less than a third of what was known before, or fix it to a tenth of itself
-# (essential parameters, M. Gautier; contraction of the prior).
+# A parameter counts as identified where its standard deviation from the data is below CONTRACTION of the prior's, or below
+# RELATIVE of its value (essential parameters, M. Gautier; contraction of the prior).
 CONTRACTION = 0.3
 RELATIVE = 0.1
 
 
 def is_identified(value: float, std: float, prior_std: float) -> bool:
-    """Whether data that give `value` to `std`, by themselves, identify a parameter that was known to `prior_std` before."""
+    """Whether data that alone give `value` with `std` identify a parameter with prior standard deviation `prior_std`."""
     return std < CONTRACTION * prior_std or std < RELATIVE * abs(value)
 
 
 def base_estimates(
     model: TorqueModel, solution: Solution, nominal: Prior, written: np.ndarray | None = None
 ) -> tuple[Estimate, ...]:  # fmt: skip
-    """Every column's parameter as the data give it, before any question of what can exist; written (p,): what the arm's folder holds."""
+    """Parameter of every column from the data, before physical consistency; written (p,): the values in the arm's folder."""
     std = np.sqrt(np.diag(solution.covariance))
     prior_std = np.sqrt(np.diag(inverse(nominal.precision)))
     out = []
@@ -45,9 +45,9 @@ def base_estimates(
 def full_estimates(
     model: TorqueModel, solution: Solution, possible: PossibleArm, nominal: np.ndarray, prior: np.ndarray
 ) -> tuple[Estimate, ...]:
-    """Link parameters and rotor inertias of the arm that can exist; their std joins the data's and the prior's knowledge.
+    """Link parameters and reflected inertias of the physically consistent arm; their std combines data and prior.
 
-    nominal (11 n,), prior (11 n, 11 n): `data_share` is the part of a parameter's knowledge that is data.
+    nominal (11 n,); prior (11 n, 11 n): covariance. `data_share` is the share of a parameter's information from the data.
     """
     b, n = len(model.base), model.arm.n
     projection = model.base.projection
@@ -62,7 +62,7 @@ def full_estimates(
         share = float(np.clip(1 - (std[k] / scale[k]) ** 2, 0.0, 1.0))
         positive = name.startswith(("m_", "Ia_"))
         value = float(possible.pi[k])
-        of_data = std[k] / np.sqrt(share) if share > 0 else np.inf  # 1/std^2 is the data's information and the prior's
+        of_data = std[k] / np.sqrt(share) if share > 0 else np.inf  # 1/std^2 is the sum of both informations
         out.append(
             Estimate(
                 name, value, float(std[k]), parameter_unit(name), model.arm.joint_names[link], float(nominal[k]),

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 def findings(arm: Arm, fit: BaseFit) -> tuple[str, ...]:
-    """Sentences that a reader of the numbers should know."""
+    """Findings of a fit, as sentences."""
     out, solution, sweeps, model = list(fit.remarks), fit.solution, fit.sweeps, fit.model
     if sweeps:
         joints = ", ".join(arm.joint_names[s.joint] for s in sweeps)
@@ -34,7 +34,7 @@ def findings(arm: Arm, fit: BaseFit) -> tuple[str, ...]:
     if solution.regularised:
         shown = f"the scaled condition number is {solution.condition_scaled:.3g}"
         shown = shown if math.isfinite(solution.condition_scaled) else "some directions are not excited at all"
-        out.append(f"{shown}, so the arm's nominal numbers hold what the motion did not show")
+        out.append(f"{shown}, so parameters that the motion did not excite stay near nominal")
     bent = [j for j, ar in zip(arm.joint_names, fit.weights.noise.ar, strict=True) if not ar.any()]
     if bent:
         out.append(
@@ -48,23 +48,23 @@ def findings(arm: Arm, fit: BaseFit) -> tuple[str, ...]:
         )
     if fit.by_command and fit.by_command.preferred:
         out.append(
-            f"noise of the positions biases least squares (Hausman test, p = {fit.by_command.p_value:.1g}), so the commanded motion was used "
+            f"position noise biases least squares (Hausman test, p = {fit.by_command.p_value:.1g}), so the commanded motion was used "
             "as instrument"
         )
     elif fit.by_command and fit.by_command.p_value < LEVEL:
         out.append(
-            f"least squares disagrees with the commanded motion as instrument (p = {fit.by_command.p_value:.1g}), which follows too loosely to "
-            "replace it: the intervals may be too narrow"
+            f"least squares disagrees with the commanded motion as instrument (p = {fit.by_command.p_value:.1g}), but that instrument "
+            "is too weak to replace it: the intervals may be too narrow"
         )
     if fit.often.any():
         names = ", ".join(j for j, k in zip(arm.joint_names, fit.often, strict=True) if k)
         out.append(
-            f"{names} changes direction so often that the rows about each change had to stay; friction and reflected inertia may be off by "
+            f"{names}: most rows are close to a reversal, so these rows had to stay in the fit; friction and reflected inertia may be off by "
             "more than their standard deviations: record a slower or longer motion"
         )
     for joint, share in zip(arm.joint_names, solution.downweighted, strict=True):
         if share > 0.1:
             out.append(
-                f"{joint}: {share:.0%} of the rows leave residuals that a normal distribution would not; `calib diagnose` looks for the cause"
+                f"{joint}: {share:.0%} of the rows have residuals too large for a normal distribution; `calib diagnose` looks for the cause"
             )
     return tuple(out)

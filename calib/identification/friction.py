@@ -1,7 +1,7 @@
-"""tau_j = viscous dq + coulomb s + offset + A cos q + B sin q: friction of one joint from sweeps at constant speed, the others still.
+"""tau_j = viscous dq + coulomb s + offset + A cos q + B sin q: friction of one joint from sweeps at constant speed.
 
-With every other joint at rest gravity on joint j is exactly A cos q_j + B sin q_j, whatever the arm weighs, so the estimate is independent
-of the model of the links and can serve as its prior.
+With every other joint at rest, gravity on joint j is exactly A cos q_j + B sin q_j, whatever the masses of the links. The
+estimate is therefore independent of the model of the links and can serve as its prior.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ def sweep_rows(m: Measurement) -> np.ndarray:
 
 
 def pre_estimate(measurements: list[Measurement], model: TorqueModel) -> tuple[list[Sweep], dict[int, np.ndarray]]:
-    """Sweeps of every joint that was swept both ways at two speeds or more, and per measurement the rows (R, n) they used."""
+    """Sweeps of every joint swept in both directions at two speeds or more, and per measurement the rows (R, n) used."""
     masks = [sweep_rows(m) for m in measurements]
     sweeps = []
     for j in range(model.arm.n):
@@ -59,7 +59,7 @@ def pre_estimate(measurements: list[Measurement], model: TorqueModel) -> tuple[l
 
 
 def as_prior(sweeps: list[Sweep], model: TorqueModel) -> Prior:
-    """The sweeps as knowledge of the model's friction columns."""
+    """The sweeps as a prior of the model's friction columns."""
     prior = Prior.none(model.p)
     for s in sweeps:
         index = [model.friction_column(kind, s.joint) for kind in FRICTION]

@@ -1,4 +1,4 @@
-"""Columns of a joint's torque: the arm's parameters, the terms of its friction law, and the torque that was measured."""
+"""Columns of a joint's torque: the arm's parameters, the terms of its friction law, and the measured torque."""
 
 from __future__ import annotations
 
@@ -16,12 +16,15 @@ SLIP = tuple(TERMS.index(name) for name in FAMILIES["slip"])
 
 
 def nearest_width(width: float) -> int:
-    """Index of the law's width, rad, that is nearest by its logarithm."""
+    """Index of the law's width that is nearest to `width`, rad, on a logarithmic scale."""
     return int(np.argmin(np.abs(np.log(np.array(WIDTHS) / width))))
 
 
 def part_of(model: TorqueModel, m: Measurement, sigma: np.ndarray | None = None) -> Part:
-    """Rows between the first and the last motion, reversals and all."""
+    """Rows between the first and the last motion, including reversals.
+
+    sigma (n,) N m: noise of the rows; with it, rows over bridged gaps weigh less.
+    """
     x, d, r = [], [], []
     for j, columns in enumerate(_columns(model, m)):
         rows = m.rows(columns)[m.row_moving]
@@ -36,7 +39,7 @@ def part_of(model: TorqueModel, m: Measurement, sigma: np.ndarray | None = None)
 def products_of(model: TorqueModel, measurements: Sequence[Measurement]) -> list[np.ndarray]:
     """Per joint (p + k + 1, p + k + 1): products of the columns over the samples in motion, before any filter.
 
-    The samples themselves would take a gigabyte of memory in ten minutes.
+    Keeping the samples themselves would take a gigabyte of memory for ten minutes.
     """
     size = model.p + len(TERMS) + 1
     out = [np.zeros((size, size)) for _ in range(model.arm.n)]
@@ -59,6 +62,6 @@ def _columns(model: TorqueModel, m: Measurement) -> Iterator[np.ndarray]:
         terms = law.terms(state, j)
         own = np.zeros((len(tr.t), model.p))
         own[:, model.used_by(j)] = links[j]
-        # dry friction as a prediction builds it up, between the samples too
+        # dry friction as a prediction builds it up, also between samples
         own[:, model.friction_column("coulomb", j)] = terms[:, SLIP[nearest_width(model.slip_width[j])]]
         yield np.column_stack([own, terms, m.tau[:, j]])

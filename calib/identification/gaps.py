@@ -1,4 +1,4 @@
-"""What an arm's torque leaves of the measured one, from the sums over rows that a fit made anyway."""
+"""Residual torque of an arm, from the sums over rows that a fit has already made."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ def gap(
     after: np.ndarray,
     noise: np.ndarray | None = None,
 ) -> Gap:
-    """RMS of the filtered torque that the nominal parameters and `after` (p,) leave.
+    """Residual RMS of the filtered torque with the nominal parameters and with `after` (p,).
 
-    rows: per joint those of [A_j b_j] that a fit would use; apart: those about reversals, which count for all but `sliding`.
+    rows: per joint the rows [A_j b_j] that a fit uses; apart: those near reversals, which count in all but `sliding`.
     """
     slid, rows = rows, [InformationMatrix.merged(pair) for pair in zip(rows, apart, strict=True)]
     n = model.arm.n
@@ -53,6 +53,6 @@ def gap(
 
 
 def noise_between_periods(measurements: Sequence[Measurement]) -> np.ndarray | None:
-    """(n,) N m, RMS over the measurements whose motion repeats itself; None where none does."""
+    """(n,) N m: noise between periods, RMS over the measurements whose motion repeats itself; None where none does."""
     known = [m.noise for m in measurements if m.noise is not None]
     return np.sqrt(np.nanmean(np.square(known), axis=0)) if known else None

@@ -1,4 +1,4 @@
-"""Logs of an arm -> the calibrated arm and what it is worth: the whole identification, in the order in which it is done."""
+"""Logs of an arm -> the calibrated arm and its assessment: the whole identification, in order."""
 
 from __future__ import annotations
 
@@ -34,16 +34,19 @@ from calib.result import Conditioning, FitResult, Gap
 from logs import Log
 from sim.arm import Arm, ArmEffect
 
-# times the torque that the other fit leaves at a joint. Seven real arms and drives: at most 1.04 where laws help; 1.05 on a servo (XL330) whose
-# recordings kept apart parameters without a law predict better (0.38 of the torque's standard deviation, not 0.44). Three
-# published arms on the mock whose recordings kept apart laws spoil: 1.31, 2.00 and 2.29. Laws without negative damping: 1.12 (Rokae xMate3)
+# Largest ratio of a joint's residual to that of the fit without laws. On seven real arms and drives: at most 1.04 where laws
+# help; 1.05 on a servo (XL330) whose held-out logs are predicted better by the laws' parameters without a law (0.38 of the
+# torque std, not 0.44). Three published arms on the mock where laws predict held-out logs worse: 1.31, 2.00 and 2.29. Laws
+# without negative damping: 1.12 (Rokae xMate3)
 MORE = 1.15
 
 
 @dataclass(frozen=True)
 class Identification:
-    """The calibrated arm, how well it is known, its result, and what a report draws: model, theta, measurements, and the
-    friction laws, whose torque is not in theta."""
+    """The calibrated arm, its uncertainty, the result, and what a report draws: model, solution, consistent arm, measurements.
+
+    laws: friction laws, whose torque is not in theta.
+    """
 
     arm: Arm
     known: Known
@@ -64,11 +67,12 @@ def identify(
     progress: Progress = silent,
     kept: Kept | None = None,
 ) -> Identification:
-    """Parameters of `arm` from `logs`, checked on `holdout`; the arm that is returned can exist.
+    """Parameters of `arm` from `logs`, checked on `holdout`; the returned arm is physically consistent.
 
-    Of more than SURVEY_SECONDS of log, a part that is spread over all of it decides how rows are weighted and what its dry friction is
-    like; then every log is read once and only its sums stay (in `kept`, if given), so that memory does not grow with the logs.
-    BadLog and ConfigError for logs that cannot serve, or are not of this arm (calib.gate); AnswerIsNo where a joint hardly moves.
+    If the logs last more than SURVEY_SECONDS, a part spread over all of them determines row weights and the slip width of dry
+    friction. Every other log is then read once, and only its sums are kept (in `kept`, if given), so that memory does not grow
+    with the logs. BadLog and ConfigError for logs that cannot serve, in which a joint hardly moves, or that are not of this arm
+    (calib.gate). AnswerIsNo where no physically consistent arm is near the estimates.
     """
     options = options or Options()
     progress("checking", 0.0)
@@ -92,7 +96,7 @@ def identify(
             solution, theta=laws.theta, covariance=wider(solution.covariance, laws.covariance), tight=laws.covariance
         )
     theta, tight = solution.theta, solution.tight
-    if not (laws or solution.regularised):  # the others know of the nominal arm already
+    if not (laws or solution.regularised):  # the others already use the nominal arm
         theta, tight = drawn_to_nominal(arm, model, theta, tight)
     kept_rows = RegressorRows(model, held, {k: reversal_rows(m, arm) for k, m in enumerate(held)})
     progress("physically consistent inertias", 0.0)
@@ -153,8 +157,10 @@ def identify(
 
 
 def _leaves_no_more(arm: Arm, fit: BaseFit, laws: Laws) -> bool:
-    """Whether laws, and the parameters found beside them, leave at no joint more than MORE times the torque in motion that the parameters without
-    them leave: they hold rows at rest and about reversals too. An arm whose numbers nobody stated takes no parameters without a law.
+    """Whether the laws leave, at every joint in motion, at most MORE times the residual of the fit without them.
+
+    Their own fit also uses rows at rest and near reversals. Where the origin of the arm's numbers is not stated, the laws'
+    parameters without a law are never taken.
     """
     if not laws.effects and arm.prior.numbers is None:
         return False
@@ -166,7 +172,7 @@ def _leaves_no_more(arm: Arm, fit: BaseFit, laws: Laws) -> bool:
 
 
 def _with_laws(of: Gap, model: TorqueModel, measurements: Sequence[Measurement], laws: Laws, theta: np.ndarray) -> Gap:
-    """What is left once the friction laws are taken off the torque; what the nominal arm leaves stays as it is."""
+    """The gap after the friction laws' torque is subtracted; the residual of the nominal arm stays unchanged."""
     few = without_laws(measurements, laws.effects, model.arm)
     rows = RegressorRows(model, few, {k: reversal_rows(m, model.arm) for k, m in enumerate(few)})
     after = gap(model, plain(rows), plain(rows, apart=True), of.logs, theta)

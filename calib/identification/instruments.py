@@ -1,9 +1,9 @@
-"""theta_IV = (Z^T W A)^-1 Z^T W b: columns Z from the commanded motion, which the noise of the encoders cannot have moved.
+"""theta_IV = (Z^T W A)^-1 Z^T W b: instrumental columns Z from the commanded motion, free of encoder noise.
 
-Noise of the positions enters the columns A through two derivatives, and a feedback loop turns it into torque: then A and the residual
-are correlated and least squares is biased, however long the log. The commanded motion is free of both. Where the two estimates differ by more than
-chance, least squares is wrong (J. Hausman, Econometrica 46(6), 1978; A. Janot, P.-O. Vandanjon, M. Gautier, Control Engineering Practice 48, 2016,
-for robots).
+Position noise enters the columns A through two derivatives, and a feedback loop turns it into torque. A and the residual are
+then correlated, and least squares is biased however long the log. The commanded motion is free of both. Where the two estimates
+differ by more than chance, least squares is biased (J. Hausman, Econometrica 46(6), 1978; for robots A. Janot, P.-O. Vandanjon,
+M. Gautier, Control Engineering Practice 48, 2016).
 """
 
 from __future__ import annotations
@@ -25,16 +25,17 @@ from logs import Log
 from sim.trajectory import Trajectory
 
 LEVEL = 0.01
-LATEST = 0.3  # s that a motion may follow its command
+LATEST = 0.3  # s by which a motion may lag its command
 STRENGTH = 0.3
-MOST_CONDITION = 1e12  # of the columns of both, scaled: beyond it some direction has no instrument
+MOST_CONDITION = 1e12  # of Z^T W A, scaled: beyond it, some direction has no instrument
 
 
 @dataclass(frozen=True)
 class Instrumental:
-    """The estimate by instruments, and whether it differs from least squares by more than chance.
+    """The instrumental estimate, and whether it differs from least squares by more than chance.
 
-    z (p,) differences over their own deviations; p_value of the largest, corrected for p of them; strength in [0, 1] of the weakest instrument.
+    z (p,): differences over their standard deviations; p_value: of the largest, corrected for p comparisons; strength: of the
+    weakest instrument, in [0, 1].
     """
 
     theta: np.ndarray
@@ -45,12 +46,15 @@ class Instrumental:
 
     @property
     def preferred(self) -> bool:
-        """Whether least squares is biased, and the instruments are strong enough to do better."""
+        """Whether least squares is biased and the instruments are strong enough to do better."""
         return bool(self.p_value < LEVEL and self.strength > STRENGTH)
 
 
 def commanded(log: Log, m: Measurement) -> Measurement | None:
-    """The measurement with the commanded motion in place of the measured one, at the delay that fits best; None where none was recorded."""
+    """The measurement with the commanded motion, at the delay that fits best, in place of the measured one.
+
+    None where less than 99 % of it was recorded.
+    """
     known = np.isfinite(log.q_cmd).all(axis=1)
     if known.mean() < 0.99:
         return None
@@ -69,9 +73,9 @@ def commanded(log: Log, m: Measurement) -> Measurement | None:
 def instrumental(
     rows: RegressorRows, instruments: Sequence[Measurement], weights: Reference, prior: Prior, found: Solution
 ) -> Instrumental | None:
-    """Both estimates on the same rows under the same weights; `instruments` belong to the rows' measurements one by one.
+    """The instrumental estimate on the rows and weights of `found`, compared with it; instruments: one per measurement.
 
-    None where the commanded motion does not go with the measured one in some direction: it is no instrument there.
+    None where, in some direction, the commanded motion does not correlate with the measured one and so is no instrument.
     """
     p, used = rows.model.p, rows.used
     other = RegressorRows(rows.model, instruments, rows.leave_out)

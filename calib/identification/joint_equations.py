@@ -1,4 +1,4 @@
-"""The equations of all joints' rows put together, from their sums in square-root form, and which prior joins them."""
+"""The equations of all joints combined, from sums of rows in square-root form, and the prior that joins them."""
 
 from __future__ import annotations
 
@@ -19,7 +19,10 @@ LEAST_ROWS = 3 * MOST_ORDER + 8
 def prior_in_use(
     model: TorqueModel, sums: Sequence[InformationMatrix], prior: Prior | None, nominal: Prior | None
 ) -> tuple[Prior, float, float, bool]:
-    """The prior to use, the condition numbers (base columns in SI; all columns scaled), and whether the nominal arm had to join."""
+    """The prior to use, the condition numbers (base columns in SI; all columns scaled), and whether the nominal arm joins.
+
+    BadLog where a joint has fewer than LEAST_ROWS rows.
+    """
     p = model.p
     few = next((j for j, s in enumerate(sums) if s.rows < LEAST_ROWS), None)
     if few is not None:
@@ -40,20 +43,20 @@ def prior_in_use(
 
 
 def together(model: TorqueModel, sums: Sequence[InformationMatrix], variance: np.ndarray | None = None) -> InformationMatrix:
-    """All joints' rows in the model's columns and the torque, each joint's weighted by 1 / variance (n,)."""
+    """Rows of all joints in the model's columns and the torque, each joint weighted by 1 / variance (n,)."""
     scale = np.ones(len(sums)) if variance is None else variance
     return InformationMatrix.merged([placed(s, model.used_by(j), model.p, scale[j]) for j, s in enumerate(sums)])
 
 
 def placed(own: InformationMatrix, used: np.ndarray, p: int, variance: float = 1.0) -> InformationMatrix:
-    """A joint's own columns in their places among all p and the torque, weighted by 1 / variance."""
+    """A joint's rows with its columns placed among all p, then the torque, weighted by 1 / variance."""
     wide = np.zeros((len(own.r), p + 1))
     wide[:, used], wide[:, p] = own.r[:, :-1], own.r[:, -1]
     return InformationMatrix(wide / np.sqrt(variance), own.rows)
 
 
 def residual_variance(sums: Sequence[InformationMatrix], theta: np.ndarray, used: Sequence[np.ndarray]) -> np.ndarray:
-    """(n,) of rows [A_j b_j] under theta."""
+    """(n,) residual variance of rows [A_j b_j] under theta."""
     out = []
     for own, u in zip(sums, used, strict=True):
         least = 1e-12 * max(own.squares(np.eye(len(u) + 1)[-1]), 1e-12) / max(own.rows, 1)

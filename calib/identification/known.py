@@ -1,6 +1,6 @@
-"""uncertainty.json beside arm.toml: how well the numbers of a calibrated arm are known, so that what it predicts can have a bound.
+"""uncertainty.json beside arm.toml: the uncertainty of a calibrated arm, so that its predictions can have bounds.
 
-Covariance of the base parameters and the friction, and the torque that they leave unexplained, as white noise of the same slow power.
+It holds the covariance of base parameters and friction, and the unexplained torque as white noise of equal low-frequency power.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ SCHEMA = "uncertainty/1"
 
 @dataclass(frozen=True)
 class Known:
-    """covariance (p, p) of the columns of the arm's TorqueModel; intensity (n,) (N m)^2 s, power of the unexplained torque at low frequency.
+    """covariance (p, p) of the parameters of the arm's TorqueModel; intensity (n,) (N m)^2 s of the unexplained torque.
 
-    source: where this comes from, in words.
+    The intensity is its power at low frequency. source: where these come from, in words.
     """
 
     covariance: np.ndarray
@@ -34,9 +34,9 @@ class Known:
 
     @staticmethod
     def of_arm(arm: Arm) -> Known:
-        """What identification left in the arm's folder; without it, what the arm's file says of its own numbers and its sensors' noise.
+        """From uncertainty.json in the arm's folder; without it, from the prior and the sensor noise in the arm's file.
 
-        ConfigError where the file is there and does not belong to this arm.
+        ConfigError where uncertainty.json is invalid or belongs to another arm.
         """
         model = TorqueModel.of_arm(arm)
         file = arm.model_path.parent / FILE
@@ -49,7 +49,7 @@ class Known:
         )
 
     def write(self, folder: Path, model: TorqueModel) -> None:
-        """Beside the arm's own files."""
+        """Write uncertainty.json into the arm's folder."""
         table = {
             "schema": SCHEMA, "parameters": list(model.names), "covariance": self.covariance.tolist(), "intensity": self.intensity.tolist(),
             "unit": "(N*m)^2*s", "source": self.source,
@@ -58,16 +58,18 @@ class Known:
 
 
 def _read(file: Path, model: TorqueModel) -> Known:
-    remedy = "identify the arm again, or remove the file: then the arm's own tolerances count"
+    remedy = "identify the arm again, or remove the file so that the arm's own tolerances apply"
     try:
         table = json.loads(file.read_text(encoding="utf-8"))
         covariance, intensity = (np.array(table[key], dtype=float) for key in ("covariance", "intensity"))
         names, source = table["parameters"], str(table["source"])
     except (OSError, ValueError, KeyError, TypeError) as error:
-        raise ConfigError(f"{file}: {type(error).__name__}: {error}: is not what `calib identify` writes; {remedy}") from error
+        raise ConfigError(
+            f"{file}: {type(error).__name__}: {error}: not a file that `calib identify` wrote; {remedy}"
+        ) from error
     p, n = model.p, model.arm.n
     if names != list(model.names) or covariance.shape != (p, p) or intensity.shape != (n,):
-        raise ConfigError(f"{file}: is of an arm with other parameters than {model.arm.name} has; {remedy}")
+        raise ConfigError(f"{file}: belongs to an arm with other parameters than {model.arm.name}; {remedy}")
     if not (np.all(np.isfinite(covariance)) and np.all(np.diag(covariance) >= 0) and np.all(intensity >= 0)):
         raise ConfigError(f"{file}: variances must be finite and not negative; {remedy}")
     return Known(covariance, intensity, source)

@@ -1,4 +1,4 @@
-"""What the joints' friction is beyond Coulomb and viscous: memory over several displacements, where it predicts recordings left out."""
+"""Joint friction beyond Coulomb and viscous: memory over several displacements, where it predicts left-out parts better."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from sim.arm_table import SpeedFrom
 from sim.effects.friction_law import FAMILIES, TERMS
 from sim.prediction import torque_of_laws
 
-# how far a fit of rows is trusted by itself: how far beyond the torque that was measured a joint's friction may lie
+# prior standard deviation of a friction torque or offset, over the joint's RMS torque: practically free
 FREE = 3.0
-# dry friction of lubricated gears breaks away at up to about twice the level at which it slides (B. Armstrong-Helouvry, P. Dupont,
-# C. Canudas de Wit 1994, doi:10.1016/0005-1098(94)90209-7), that of one recorded cobot at nearly three times: a law that builds up to more
-# is made of noise. Chosen on that cobot; ten-second logs of the mock give the same answers with 2 and 3.
+# Break-away friction of lubricated gears is up to about twice the sliding friction (B. Armstrong-Helouvry, P. Dupont,
+# C. Canudas de Wit 1994, doi:10.1016/0005-1098(94)90209-7), that of one recorded cobot nearly three times: a law that builds up
+# to more fits noise. Chosen on that cobot; ten-second logs of the mock give the same answers with 2 and 3.
 BREAKAWAY = 3.0
-# 1/s: over 0.25 s, the shortest horizon of `calib validate`, a speed then grows by e
+# 1/s: a speed then grows e-fold within 0.25 s, the shortest horizon of `calib validate`
 FASTEST, POSTURES = 4.0, 20
 CLEARLY = 0.05  # share of the error by which one reading must be better
 STRIBECK = tuple(TERMS.index(name) for name in FAMILIES["stribeck"])
@@ -32,7 +32,7 @@ STRIBECK = tuple(TERMS.index(name) for name in FAMILIES["stribeck"])
 
 @dataclass(frozen=True)
 class Laws:
-    """effects: a friction law for every joint that has one; theta (p,) with them and its covariance. plain, predicted (n,) N m as friction_fit says."""
+    """effects: a friction law per joint that has one; theta (p,) and covariance beside them; plain, predicted: FrictionFit."""
 
     effects: tuple[ArmEffect, ...]
     theta: np.ndarray
@@ -44,12 +44,12 @@ class Laws:
 def fitted_laws(
     model: TorqueModel, measurements: Sequence[Measurement], nominal: Prior, sigma: np.ndarray | None = None
 ) -> list[Laws]:
-    """Hysteresis of several widths at the joints where it predicts parts of the recordings left out better than the model alone.
+    """Hysteresis of several widths where it predicts left-out parts better than the model alone; preferred laws first.
 
-    The prior of the links is the nominal arm's; friction and offsets are free. The Coulomb level is all dry friction that is left once
-    a joint slides, whatever the width over which each part of it builds up. sigma (n,) N m of the rows: those over bridged gaps then
-    count as much less as they are less sure. Where viscous friction comes out so negative that a simulation would run away, laws without
-    it stand first if they predict nearly as well.
+    The links have the nominal arm's prior; friction and offsets are free. The Coulomb level is the whole dry friction of a
+    sliding joint, whatever the widths over which it builds up. With sigma (n,) N m of the rows, rows over bridged gaps weigh
+    less by their uncertainty. Where viscous friction is so negative that a simulation would diverge, laws without it come first
+    if they predict nearly as well.
     """
     parts = [part_of(model, m, sigma=sigma) for m in measurements]
     samples = products_of(model, measurements)
@@ -65,7 +65,7 @@ def _laws(model: TorqueModel, found: FrictionFit) -> Laws:
         terms = dict(zip(TERMS, map(float, found.coefficients[j]), strict=True))
         dry, wet = model.friction_column("coulomb", j), model.friction_column("viscous", j)
         level = float(theta[dry]) + sum(terms[name] for name in FAMILIES["slip"])
-        # what falls with speed is no viscous damping; drives that compensate their friction report less than none of it
+        # friction that falls with speed is not viscous damping; drives that compensate friction report a negative one
         falling = theta[wet] < 0
         if falling:
             terms["power_1"], theta[wet] = float(theta[wet]), 0.0
@@ -84,9 +84,9 @@ def _with_laws(
     precision: np.ndarray,
     sets: Sequence[Sequence[int]],
 ) -> FrictionFit:
-    """Laws of some of the terms `sets` that also predict the torque as it was read, before any filter, no worse than none, and build up to no more than BREAKAWAY.
+    """Laws of the term sets `sets` that build up to at most BREAKAWAY and predict unfiltered torque no worse than no law.
 
-    A filter hides what a law does within some milliseconds of a reversal: terms of both signs can add up to a spike that is not there.
+    A filter hides what a law does within some milliseconds of a reversal: terms of both signs can add up to a false spike.
     """
     n = len(parts[0].r)
     without = fit_friction(parts, mean, precision, [])
@@ -108,10 +108,9 @@ def _without_driving(
     nominal: Prior,
     found: FrictionFit,
 ) -> FrictionFit | None:
-    """The laws without negative viscous friction at the joints that it would drive faster than FASTEST, where dry friction that falls with speed
-    predicts parts left out as well, or nearly.
+    """Laws without negative viscous friction where it would make speed grow faster than FASTEST; None where there are none.
 
-    None where there are none.
+    Dry friction that falls with speed replaces it, where it predicts left-out parts as well or nearly so.
     """
     free = _free(model, parts, nominal)
     driven = growth(model, measurements, found.theta)
@@ -132,7 +131,7 @@ def _without_driving(
 
 
 def growth(model: TorqueModel, measurements: Sequence[Measurement], theta: np.ndarray) -> np.ndarray:
-    """(n,) 1/s: -viscous over the joint's own inertia, median over postures: how fast speed grows that nothing else brakes."""
+    """(n,) 1/s: growth rate of an otherwise unbraked speed, -viscous over the joint's inertia (median over postures)."""
     q = np.concatenate([m.trajectory.q[:: max(1, len(m.trajectory.q) // POSTURES)] for m in measurements])
     still, out = np.zeros_like(q), np.zeros(model.arm.n)
     held = model.joint_columns(q, still, still)
@@ -146,7 +145,7 @@ def growth(model: TorqueModel, measurements: Sequence[Measurement], theta: np.nd
 
 
 def _overshoots(model: TorqueModel, found: FrictionFit, j: int) -> bool:
-    """Whether dry friction after some way from a reversal is more than BREAKAWAY times what slides, and the error without a law."""
+    """Whether dry friction after a reversal exceeds BREAKAWAY times the sum of sliding friction and error without a law."""
     steps = found.coefficients[j][list(SLIP)].copy()
     steps[nearest_width(model.slip_width[j])] += found.theta[model.friction_column("coulomb", j)]
     built = np.cumsum(steps)
@@ -154,21 +153,21 @@ def _overshoots(model: TorqueModel, found: FrictionFit, j: int) -> bool:
 
 
 def _squares(samples: Sequence[np.ndarray], found: FrictionFit) -> np.ndarray:
-    """(n,) sums of squares of the errors of a fit on samples, from `products_of`."""
+    """(n,) sums of squared errors of a fit on samples, from `products_of`."""
     weights = [np.concatenate([found.theta, coefficients, [-1.0]]) for coefficients in found.coefficients]
     return np.array([v @ s @ v for v, s in zip(weights, samples, strict=True)])
 
 
 def speed_reading(model: TorqueModel, readings: Mapping[SpeedFrom, Sequence[Measurement]], nominal: Prior) -> SpeedFrom:
-    """Which reading gives speed and acceleration: the one with which parts of the recordings left out are predicted better."""
+    """Source of speed and acceleration: the reported speed if it predicts left-out parts clearly better, else the position."""
     error = {key: fitted_plain(model, few, nominal) for key, few in readings.items()}
     return "measured" if _ratio(error["measured"], error["position"]) < 1 - CLEARLY else "position"
 
 
 def smoothing(model: TorqueModel, measured: Mapping[float, Sequence[Measurement]], nominal: Prior) -> float:
-    """Which cutoff of the common filter, Hz: the highest, unless parts left out are predicted clearly better with a lower one.
+    """Cutoff of the common filter, Hz: the highest, unless a lower one predicts left-out parts clearly better.
 
-    All are compared below the lowest: noise that a higher one lets through counts for what it does to the parameters.
+    All are compared below the lowest cutoff: noise that a higher one passes counts only by its effect on the parameters.
     """
     least, most = min(measured), max(measured)
     error = {}
@@ -181,18 +180,18 @@ def smoothing(model: TorqueModel, measured: Mapping[float, Sequence[Measurement]
 
 
 def _ratio(a: np.ndarray, b: np.ndarray) -> float:
-    """Geometric mean over the joints."""
+    """Geometric mean of a / b over the joints."""
     return float(np.exp(np.mean(np.log(np.maximum(a, 1e-12) / np.maximum(b, 1e-12)))))
 
 
 def fitted_plain(model: TorqueModel, measurements: Sequence[Measurement], nominal: Prior) -> np.ndarray:
-    """(n,) N m: RMS error of parts left out, with Coulomb and viscous friction alone."""
+    """(n,) N m: RMS error on left-out parts, with Coulomb and viscous friction alone."""
     parts = [part_of(model, m) for m in measurements]
     return fit_friction(parts, nominal.mean, _free(model, parts, nominal), []).plain
 
 
 def without_laws(measurements: Sequence[Measurement], laws: Sequence[ArmEffect], arm: Arm) -> list[Measurement]:
-    """The measurements less the torque of the laws."""
+    """The measurements minus the torque of the laws."""
     return [replace(m, tau=m.tau - torque_of_laws(laws, arm, m.trajectory)) for m in measurements]
 
 

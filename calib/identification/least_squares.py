@@ -1,8 +1,8 @@
 """theta_hat = argmin sum_j |W_j^(1/2) Phi_j (b_j - A_j theta)|^2 + |L (theta - theta_0)|^2: weighted, prewhitened, robust.
 
-In two steps, so that the second is a sum over any number of rows: the rows (or a part of them) say by which weights they agree with
-themselves, then all rows are summed under these weights (`calib.identification.sums`). The covariance is the sandwich that admits
-what correlation is left, never narrower than the one that trusts the whitening.
+There are two steps, so that the second is a sum over any number of rows: the weights come from the residuals of the rows (or a
+part of them), then all rows are summed under these weights (`calib.identification.sums`). The covariance is a sandwich estimate
+that allows for the remaining correlation. It is never narrower than the covariance that trusts the whitening.
 """
 
 from __future__ import annotations
@@ -22,10 +22,11 @@ from calib.regression.normal_equations import Prior, inverse, solution_of, wider
 class Solution:
     """theta (p,), covariance (p, p), sigma (n,) N m of the filtered residual, information (p, p) of the data alone.
 
-    tight (p, p): as wide on the whole, in the shape that the weights alone state. `covariance` widens every parameter by a factor of its
-    own, which is right for each and wrong for combinations that the data know far better than their parts.
-    by_joint (n, p, p) and vectors (n, p): what each joint's rows add to the information and to its right side.
-    downweighted: share of rows per joint that the robust weights touched.
+    tight (p, p): covariance in the shape that the weights alone state, with the median width of `covariance`. `covariance`
+    widens every parameter by a factor of its own, which is right for each, but wrong for combinations known far better than
+    their parts.
+    by_joint (n, p, p), vectors (n, p): contribution of each joint's rows to the information and to the right-hand side.
+    downweighted: share of rows per joint with a reduced robust weight.
     condition: of the base regressor, raw SI; condition_scaled: of all columns, each divided by its norm.
     """
 
@@ -45,9 +46,7 @@ class Solution:
 def estimate(
     model: TorqueModel, sums: Sums, weights: Reference, prior: Prior | None = None, nominal: Prior | None = None
 ) -> Solution:
-    """The estimate from sums of rows that were weighted by `weights`; `nominal` joins as a prior only if the scaled condition number passes
-    RIDGE_ABOVE.
-    """
+    """The estimate from sums weighted by `weights`; `nominal` joins as a prior if the scaled condition exceeds RIDGE_ABOVE."""
     p = model.p
     used = [model.used_by(j) for j in range(model.arm.n)]
     prior, condition, scaled, regularised = prior_in_use(model, sums.plain, prior, nominal)
@@ -56,7 +55,7 @@ def estimate(
     own = np.stack([placed(s, u, p).gram for s, u in zip(sums.white, used, strict=True)])
     information = white.gram[:p, :p]
     trusting = inverse(information + prior.precision)
-    # rows that Huber's function downweights carry no information on small changes: its slope there is zero
+    # rows that the Huber loss downweights carry no information on small changes: its curvature there is zero
     sure = 1 - min(float(sums.touched.sum() / max(sums.counts.sum(), 1)), 0.5)
     more = np.ones(p)
     if weights.shortfall is not None:
@@ -76,9 +75,9 @@ def estimate(
 def ordinary(
     model: TorqueModel, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray, tau: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, float]:
-    """theta (p,), its std (p,) and the condition number from arrays (N, n) as they are: each joint weighted by its own residual.
+    """theta (p,), its std (p,) and the condition number from arrays (N, n); each joint is weighted by its own residual.
 
-    For data that were filtered elsewhere. The std take neighbouring samples for independent; a log's own colour is what `identify` is for.
+    For data filtered elsewhere. The std assume independent samples; `identify` accounts for the noise colour of a log.
     """
     columns = model.joint_columns(q, dq, ddq)
     sums = tuple(InformationMatrix.of(np.column_stack([a, tau[:, j]])) for j, a in enumerate(columns))

@@ -1,4 +1,4 @@
-"""Logs of the arm alone and logs with a load at its flange -> the arm, the load, and with a known mass the torque constants."""
+"""Logs without and with a load at the flange -> the arm, the load and, with a known mass, the torque constants."""
 
 from __future__ import annotations
 
@@ -30,8 +30,9 @@ def identify_with_load(
 ) -> tuple[Identification, Load]:
     """The calibrated arm without the load, and the load.
 
-    With `known_mass` (kg) the torque constants come from it: where the logs hold currents, the arm returned has them instead of the nominal
-    ones (1 N m/A is where the search begins if the arm states none). Where the drive reports torque, the load's `scale` says by how much that is off.
+    With `known_mass` (kg) the torque constants come from it. Where the logs hold currents, the returned arm has them instead of
+    the nominal ones (the search begins at 1 N m/A if the arm states none). Where the drive reports torque, the load's `scale`
+    is the ratio of reported to true torque.
     """
     options = options or Options()
     require(arm, loaded)
@@ -60,7 +61,7 @@ def identify_with_load(
 
 
 def _require_apart(logs: Sequence[Log], loaded: Sequence[Log]) -> None:
-    """BadLog where one of the loaded logs is one of the logs: nothing differs between a recording and itself."""
+    """BadLog where a loaded log is also among the others: a recording does not differ from itself."""
     for log in logs:
         for other in loaded:
             check = twice([log, other])
@@ -76,14 +77,14 @@ def identify_with_own_load(
     known_mass: float,
     progress: Callable[[str, float], None] = lambda stage, share: None,
 ) -> Identification:
-    """The calibrated arm of one joint, its torque constant from the gravity of the load that it always carries (`calib arm drive --load`)."""
+    """The calibrated arm of one joint; its torque constant is from the gravity of its own load (`calib arm drive --load`)."""
     if arm.n != 1:
         raise ConfigError(
             f"--known-mass {known_mass:g}: {arm.name} has {arm.n} joints, so it needs recordings with that load; give them with --loaded LOG"
         )
     if any(np.isfinite(log.tau).any() for log in logs):
         raise ConfigError(
-            f"--known-mass {known_mass:g}: these recordings hold torque, so nothing needs a torque constant; leave it out"
+            f"--known-mass {known_mass:g}: these recordings hold torque, so no torque constant is needed; leave it out"
         )
     provisional = arm if arm.torque_constant is not None else replace(arm, torque_constant=np.ones(1))
     free = fitted(provisional, logs, options, progress)
@@ -103,21 +104,19 @@ def _with_load(found: Identification, load: Load, known_mass: float | None) -> I
     sentence = f"the loaded logs carry {load.mass:.4g} kg" + ("" if known_mass else f" ± {load.mass_std:.2g}")
     sentence += f" more, at {at} mm in the last link's frame"
     if known_mass:
-        sentence += (
-            f"; the torque readings are {_row(load.scale)} ± {_row(load.scale_std)} of the torque that {known_mass:g} kg make"
-        )
+        sentence += f"; the torque readings are {_row(load.scale)} ± {_row(load.scale_std)} times the torque that {known_mass:g} kg cause"
     more = [sentence]
     vague = load.scale_std > VAGUE * np.abs(load.scale)
     if known_mass and vague.any():
         names = ", ".join(name for name, bad in zip(found.model.arm.joint_names, vague, strict=True) if bad)
         more.append(
-            f"the torque constant of {names} stays unknown (standard deviation above {VAGUE:.0%}): this load hardly moves its torque; mount "
+            f"the torque constant of {names} stays unknown (standard deviation above {VAGUE:.0%}): this load hardly changes its torque; mount "
             "more mass, or mount it farther from the axis"
         )
     if load.chi2 > 3:
         more.append(
             f"something else changed between the logs with and without the load (chi^2 {load.chi2:.1f} per degree of freedom, 1 expected); "
-            "warm both up alike, and run the same motion"
+            "warm up the arm alike for both, and run the same motion"
         )
     result = replace(found.result, load=load.as_dict(), findings=(*found.result.findings, *more))
     return replace(found, result=result)

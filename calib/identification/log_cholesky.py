@@ -1,8 +1,8 @@
-"""J = U U^T, U = e^a [[e^d1, s12, s13, t1], [0, e^d2, s23, t2], [0, 0, e^d3, t3], [0, 0, 0, 1]]: a body for every ten numbers.
+"""J = U U^T, U = e^a [[e^d1, s12, s13, t1], [0, e^d2, s23, t2], [0, 0, e^d3, t3], [0, 0, 0, 1]]: every ten numbers are a body.
 
-J is the pseudo-inertia (calib.identification.consistency), so any x = (a, d1, d2, d3, s12, s23, s13, t1, t2, t3) is a body that can exist, with mass e^2a
-and centre of mass t, and a fit in x needs no constraint (C. Rucker, P. Wensing 2022, doi:10.1109/LRA.2022.3144517). Bodies on the edge of
-what can exist lie at infinity.
+J is the pseudo-inertia (calib.identification.consistency). Any x = (a, d1, d2, d3, s12, s23, s13, t1, t2, t3) is a physically
+consistent body with mass e^2a and centre of mass t, so a fit in x needs no constraint (C. Rucker, P. Wensing 2022,
+doi:10.1109/LRA.2022.3144517). Bodies on the boundary of physical consistency lie at infinity.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ SETTLED = 1e-6
 
 
 def body(x: np.ndarray) -> np.ndarray:
-    """Ten link parameters (10,), Pinocchio's order about the joint's origin, of coordinates x (10,)."""
+    """Ten link parameters (10,), in Pinocchio's order about the joint's origin, of coordinates x (10,)."""
     u = _root(x)
     return link_of_pseudo_inertia(u @ u.T)
 
@@ -33,7 +33,7 @@ def slope(x: np.ndarray) -> np.ndarray:
 
 
 def coordinates(pi: np.ndarray) -> np.ndarray:
-    """x (10,) of link parameters pi (10,) of a body that can exist; ValueError of any other."""
+    """x (10,) of link parameters pi (10,) of a physically consistent body; ValueError for any other."""
     j = pseudo_inertia(pi)
     if not np.linalg.eigvalsh(j)[0] > 0:
         raise ValueError(f"no mass distribution has the pseudo-inertia of {pi.tolist()}")
@@ -46,9 +46,9 @@ def coordinates(pi: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Pull:
-    """gamma (tr(J0^-1 J) - log det(J0^-1 J) - 4): the entropic pull towards a body J0, which keeps a fit off the edge of what can exist.
+    """gamma (tr(J0^-1 J) - log det(J0^-1 J) - 4): entropic pull towards a body J0, off the bounds of physical consistency.
 
-    root (4, 4) with root root^T = J0. In x it is a sum of squares less a linear term: |root^-1 U|^2 - 2 (4 a + d1 + d2 + d3).
+    root (4, 4) with root root^T = J0. In x it is a sum of squares minus a linear term: |root^-1 U|^2 - 2 (4 a + d1 + d2 + d3).
     """
 
     root: np.ndarray
@@ -56,7 +56,7 @@ class Pull:
 
     @staticmethod
     def towards(pi: np.ndarray, gamma: float) -> Pull:
-        """The pull towards a body pi (10,) that can exist."""
+        """The pull towards a physically consistent body pi (10,)."""
         return Pull(np.linalg.cholesky(pseudo_inertia(pi)), gamma)
 
     def __call__(self, x: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
@@ -71,10 +71,10 @@ _LOG_DET = np.array([4.0, 1.0, 1.0, 1.0, 0, 0, 0, 0, 0, 0])
 
 
 def nearest(pi: np.ndarray, information: np.ndarray, pull: Pull) -> np.ndarray:
-    """The body (10,) with least (body - pi)^T information (body - pi) + pull, by descent in x from the body that pulls."""
+    """The body (10,) that minimises (body - pi)^T information (body - pi) + pull, by BFGS in x from the body of the pull."""
 
     start = coordinates(link_of_pseudo_inertia(pull.root @ pull.root.T))
-    # in units in which the start's curvature is one, so that the first step is no leap
+    # scaled to unit curvature at the start, so that the first step is not too long
     bend = slope(start).T @ information @ slope(start) + pull(start)[2]
     to_x = np.linalg.inv(np.linalg.cholesky(bend + 1e-12 * np.diag(np.diag(bend)))).T
 

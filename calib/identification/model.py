@@ -1,4 +1,4 @@
-"""tau_j = Y_j(q, dq, ddq) beta + viscous_j dq_j + coulomb_j s_j + offset_j: everything that is linear in its parameters."""
+"""tau_j = Y_j(q, dq, ddq) beta + viscous_j dq_j + coulomb_j s_j + offset_j: torque that is linear in its parameters."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ SLIP_WIDTHS = (1e-4, 3e-4, 1e-3, 3e-3, 1e-2)
 
 @dataclass(frozen=True)
 class TorqueModel:
-    """The columns of an arm: b base combinations of links and rotors, then viscous, coulomb and offset of every joint.
+    """The columns of an arm: b base parameters (links and reflected inertias), then viscous, coulomb and offset of every joint.
 
-    slip_width (n,) rad: s is the slip direction, which follows a change of direction over this displacement (sim.prediction).
+    slip_width (n,) rad: displacement over which the slip direction s follows a change of direction (sim.slip).
     """
 
     arm: Arm
@@ -31,7 +31,7 @@ class TorqueModel:
 
     @staticmethod
     def of_arm(arm: Arm) -> TorqueModel:
-        """The model of this arm, dry friction turning over SLIP_WIDTH."""
+        """The model of this arm, with dry friction that reverses over SLIP_WIDTH."""
         body = RigidBody(arm)
         return TorqueModel(arm, body, body.base(), np.full(arm.n, SLIP_WIDTH))
 
@@ -69,7 +69,7 @@ class TorqueModel:
         return len(self.base) + len(FRICTION) * joint + FRICTION.index(kind)
 
     def used_by(self, joint: int) -> np.ndarray:
-        """Columns that can be other than zero in the row of a joint: links at or behind it, and its own friction."""
+        """Columns that can be nonzero in a joint's row: links at or beyond it, its own reflected inertia and friction."""
         n = self.arm.n
         rows = np.zeros((n, 10 * n + n), dtype=bool)
         for link in range(n):
@@ -101,7 +101,7 @@ class TorqueModel:
     def joint_columns(self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> list[np.ndarray]:
         """Per joint Y_j (N, p_j): the columns `used_by(j)` of its row; q dq ddq (N, n).
 
-        In portions that a processor's cache holds, because the whole Y is mostly zeros that would only be moved about.
+        Computed in portions that fit into the processor's cache; the whole Y would be mostly zeros.
         """
         n, b = self.arm.n, len(self.base)
         own = [u[u < b] for u in (self.used_by(j) for j in range(n))]

@@ -1,4 +1,4 @@
-"""What people are shown of an identification: tables of numbers, and the curves that a page draws."""
+"""An identification as readers see it: tables of numbers, and the curves that a page draws."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ MOST_ROWS = 20_000
 
 
 def gap_table(joint_names: tuple[str, ...], gap: Gap) -> tuple[list[str], list[list[Any]]]:
-    """RMS residual before and after, N m and, with torque constants, A; sliding: without the rows about changes of direction.
+    """Residual RMS before and after, N m and, with torque constants, A; sliding: without the rows near reversals.
 
-    Where a motion repeated itself, `periods` is the torque's standard deviation between its periods, which no model explains.
+    Where a motion repeats itself, `periods` is the torque's standard deviation between its periods, which no model explains.
     """
     headers = ["joint", "before [N m]", "after [N m]", "sliding [N m]", "torque std [N m]", "residual share"]
     headers += [] if gap.noise is None else ["periods [N m]"]
@@ -44,7 +44,7 @@ def gap_table(joint_names: tuple[str, ...], gap: Gap) -> tuple[list[str], list[l
 
 
 def parameter_table(result: FitResult) -> tuple[list[str], list[list[Any]]]:
-    """Friction and rotor inertia of every joint, each as value ± standard deviation."""
+    """Friction and reflected inertia of every joint, each as value ± standard deviation."""
     shown = [
         ("Ia", "reflected inertia [kg m^2]"),
         *[(k, f"{k} [{u}]") for k, u in zip(FRICTION, ("N m s/rad", "N m", "N m"), strict=True)],
@@ -60,7 +60,7 @@ def parameter_table(result: FitResult) -> tuple[list[str], list[list[Any]]]:
 
 
 def as_text(e: Estimate) -> str:
-    """An estimate as value ± standard deviation; where the data alone put it out of bounds, how large it may be, and what is written."""
+    """An estimate as value ± standard deviation, or its upper limit if out of bounds; and the written value if that differs."""
     changed = ""
     if e.written is not None and (is_changed(e) or e.out_of_bounds):
         changed = f", written {rounded(e.written, e.std).split(' ')[0]}"
@@ -71,9 +71,9 @@ def as_text(e: Estimate) -> str:
 
 
 def evidence(found: Identification) -> dict[str, Any]:
-    """Filtered rows of the first held-out log, or of the first training log: before and after as predicted, and the measured torque.
+    """Filtered rows of the first held-out log, else of the first training log: torque predicted before and after, and measured.
 
-    The torque of effects that the arm had before and keeps is in none of them.
+    None of them includes the torque of effects that the arm had before and keeps.
     """
     m = (found.holdout or found.measurements)[0]
     rows = RegressorRows(found.model, [m])

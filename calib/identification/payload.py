@@ -1,9 +1,9 @@
-"""What is mounted at the flange, from logs with it and logs without it: tau_loaded = Y theta + Y_n phi, phi the load's ten parameters.
+"""tau_loaded = Y theta + Y_n phi: the load at the flange, with ten parameters phi, from logs with it and logs without it.
 
-Everything but the load is the same arm, so whatever the model of the arm is, the difference of the two fits is the load:
-theta_loaded - theta_free = G phi with G the last link's columns of the base projection. With a load of known mass the scale of the torque
-reading, which is the torque constant, becomes an unknown instead: kappa_j tau = the same (M. Gautier, S. Briot 2014, doi:10.1115/1.4027506,
-for why a known mass is needed).
+Everything but the load is the same arm, so the difference of the two fits is the load, whatever the model of the arm:
+theta_loaded - theta_free = G phi with G the last link's columns of the base projection. With a load of known mass, the scale of
+the torque reading (the torque constant) becomes an unknown instead: joint j reads kappa_j times its torque (M. Gautier,
+S. Briot 2014, doi:10.1115/1.4027506, for why a known mass is needed).
 """
 
 from __future__ import annotations
@@ -22,16 +22,16 @@ from sim.rigid_body import link_inertia, link_parameters
 
 ROUNDS = 60
 SETTLED = 1e-9
-LOAD_RADIUS = 0.05  # m, of what hangs at a flange
-VAGUE = 0.25  # of a torque constant: with a larger standard deviation it is unknown
+LOAD_RADIUS = 0.05  # m, of a load at a flange
+VAGUE = 0.25  # of a torque constant: it is unknown if its standard deviation is larger
 
 
 @dataclass(frozen=True)
 class Load:
     """Mass kg, centre of mass (3,) m and inertia about it (3, 3) kg m^2 in the last link's frame, with standard deviations.
 
-    scale (n,): the torque that a joint reports divided by the true one; 1 unless a known mass was given, with std `scale_std` (0 then).
-    chi2: what the two fits leave unexplained by one load, per degree of freedom; about 1 where nothing else changed between the logs.
+    scale (n,): reported over true torque of each joint, with std `scale_std`; 1 with std 0 unless a known mass was given.
+    chi2: what one load leaves unexplained between the two fits, per degree of freedom; about 1 where nothing else changed.
     """
 
     mass: float
@@ -57,9 +57,9 @@ class Load:
 
 
 def load_between(model: TorqueModel, free: Solution, loaded: Solution) -> Load:
-    """The load that the loaded logs have and the free ones have not, by generalised least squares on the difference of their fits."""
+    """The load that only the loaded logs carry, by generalised least squares on the difference of the two fits."""
     g = flange_columns(model)
-    # weights from the whitened information: the robust covariances are noisy in their smallest directions, which weights would trust most
+    # weights from the information alone: the robust covariances are noisy in their smallest directions, which would weigh most
     weight = inverse(inverse(free.information) + inverse(loaded.information))
     difference = loaded.theta - free.theta
     gain = inverse(g.T @ weight @ g) @ g.T @ weight
@@ -69,20 +69,20 @@ def load_between(model: TorqueModel, free: Solution, loaded: Solution) -> Load:
     ones = np.ones(model.arm.n)
     covariance = gain @ (free.covariance + loaded.covariance) @ gain.T * max(chi2, 1.0)
     _require_mass(model, float(phi[0]), float(np.sqrt(covariance[0, 0])))
-    # of all loads that can exist the one nearest to the estimate: moments of inertia that no body has pull the centre of mass with them
+    # the nearest physically consistent load, because impossible moments of inertia would bias the centre of mass
     possible = nearest(phi, inverse(covariance), Pull.towards(_compact(phi[0], phi[1:4] / phi[0]), GAMMA))
     return _load(possible, covariance, ones, 0 * ones, chi2)
 
 
 def scale_from_known_mass(model: TorqueModel, free: Solution, loaded: Solution, mass: float) -> Load:
-    """Load and torque scale when the load weighs `mass` kg: both fits' information, every joint with a scale of its own.
+    """Load and each joint's torque scale for a load of `mass` kg, from the information of both fits.
 
-    Not linear, so the load is sought in log-Cholesky coordinates, where its mass is one of them and every load is one that can exist. AnswerIsNo
-    where the mass is not positive, or leaves the scale of every joint unknown to more than a tenth.
+    The problem is nonlinear and solved in log-Cholesky coordinates, where the mass is one coordinate and every load is
+    physically consistent. AnswerIsNo where the mass is not positive, or determines no joint's scale to a tenth.
     """
     if not mass > 0 or not np.isfinite(mass):
         raise AnswerIsNo(
-            f"a known mass of {mass:g} kg does not determine a torque constant; weigh what is mounted, give its mass in kg"
+            f"a known mass of {mass:g} kg does not determine a torque constant; weigh what is mounted and give its mass in kg"
         )
     n, p = model.arm.n, model.p
     start = load_between(model, free, loaded)
@@ -108,11 +108,11 @@ def scale_from_known_mass(model: TorqueModel, free: Solution, loaded: Solution, 
     full[np.ix_(unknown, unknown)] = inverse(fit.step(x)[0][np.ix_(unknown, unknown)]) * max(
         _excess(free), _excess(loaded), 1.0
     )
-    # the reading is kappa times the torque of a model whose mass is true
+    # the reading is kappa times the torque of a model with the true mass
     scale, scale_std = x[p + 10 :], np.sqrt(np.diag(full)[p + 10 :])
     if not np.any(scale_std < 0.1 * np.abs(scale)):
         raise AnswerIsNo(
-            f"{model.arm.name}: {mass:g} kg moves the torque of no joint enough to determine its scale to a tenth; mount more mass, or move it farther"
+            f"{model.arm.name}: {mass:g} kg changes no joint's torque enough to determine its scale to a tenth; mount more mass, or move it farther out"
         )
     by_x = slope(x[p : p + 10])
     load = _load(body(x[p : p + 10]), by_x @ full[p : p + 10, p : p + 10] @ by_x.T, scale, scale_std, start.chi2)
@@ -120,15 +120,18 @@ def scale_from_known_mass(model: TorqueModel, free: Solution, loaded: Solution, 
 
 
 def scale_from_own_load(model: TorqueModel, fit: Solution, mass: float) -> tuple[float, float]:
-    """kappa and its standard deviation of an arm of one joint whose only load weighs `mass` kg: kappa m c = the first moments that were fitted.
+    """kappa and its standard deviation for a one-joint arm whose only load weighs `mass` kg: kappa m c = fitted first moments.
 
-    The fit's prior has no part in it, and the load's inertia is free. AnswerIsNo where its standard deviation is above VAGUE of it.
+    The fit's prior is not used, and the load's inertia is free. AnswerIsNo where the model's load causes no torque, or kappa's
+    standard deviation exceeds VAGUE of it.
     """
     nominal, projection = model.body.parameters()[:4], model.base.projection[:, :4]
     rows = np.flatnonzero(np.abs(projection[:, 1:]).max(axis=1) > 0)
     moment = (projection @ nominal)[rows] * mass / max(nominal[0], 1e-300)
     if not np.linalg.norm(moment) > 0:
-        raise AnswerIsNo(f"{model.arm.name}: its load makes no torque in its model; make it with calib arm drive --load KG,M")
+        raise AnswerIsNo(
+            f"{model.arm.name}: its load causes no torque in its model; create the arm with `calib arm drive --load KG,M`"
+        )
     covariance = inverse(fit.by_joint[0])
     weight = inverse(covariance[np.ix_(rows, rows)])
     strength = float(moment @ weight @ moment)
@@ -136,27 +139,27 @@ def scale_from_own_load(model: TorqueModel, fit: Solution, mass: float) -> tuple
     std = float(np.sqrt(max(_excess(fit), 1.0) / strength))
     if not std < VAGUE * scale:
         raise AnswerIsNo(
-            f"{model.arm.name}: {mass:g} kg moves the current too little to determine the torque constant to {VAGUE:.0%} (its scale is "
+            f"{model.arm.name}: {mass:g} kg changes the current too little to determine the torque constant to {VAGUE:.0%} (its scale is "
             f"{scale:.3g} ± {std:.2g}); record a motion that lifts the load"
         )
     return scale, std
 
 
 def _excess(fit: Solution) -> float:
-    """How much wider the robust covariance of a fit is than that of its information."""
+    """Median ratio of the robust variances of a fit to those of its information."""
     return float(np.median(np.diag(fit.covariance) / np.diag(inverse(fit.information))))
 
 
 @dataclass(frozen=True)
 class _ScaledFit:
-    """sum over fits and joints |A_j (kappa_j theta) - b_j|^2 + pull in [theta (p,), load's coordinates (10,), kappa (n,)]."""
+    """Sum over fits, joints |A_j (kappa_j theta) - b_j|^2 + pull, in x = [theta (p,), load coordinates (10,), kappa (n,)]."""
 
     model: TorqueModel
     fits: tuple[Solution, Solution]
     pull: Pull
 
     def _sides(self, x: np.ndarray) -> list[tuple[Solution, np.ndarray, np.ndarray]]:
-        """Each fit, its theta (p,), and that one's slope (p, p + 10) by theta and the load's coordinates."""
+        """Each fit, its theta (p,), and the Jacobian (p, p + 10) of that by theta and the load's coordinates."""
         p, g = self.model.p, flange_columns(self.model)
         theta, at, nothing = x[:p], x[p : p + 10], np.zeros((p, 10))
         free, loaded = self.fits
@@ -166,7 +169,7 @@ class _ScaledFit:
         ]
 
     def cost(self, x: np.ndarray) -> float:
-        """What is left, but for a constant."""
+        """The sum at x, up to a constant."""
         kappa, total = x[self.model.p + 10 :], self.pull(x[self.model.p : self.model.p + 10])[0]
         for fit, theta, _ in self._sides(x):
             for j, k in enumerate(kappa):
@@ -198,7 +201,7 @@ def flange_columns(model: TorqueModel) -> np.ndarray:
 
 
 def _compact(mass: float, com: np.ndarray) -> np.ndarray:
-    """A ball of LOAD_RADIUS, of which nothing but mass and centre is known."""
+    """Link parameters of a ball of LOAD_RADIUS: a load of which only mass and centre of mass are known."""
     return link_parameters(float(mass), np.asarray(com), 0.4 * float(mass) * LOAD_RADIUS**2 * np.eye(3))
 
 

@@ -1,4 +1,4 @@
-"""Sums piece by piece: of each piece of log only its sums are kept (calib.regression.stored)."""
+"""Sums piece by piece: only the sums of each piece of log are kept (calib.regression.stored)."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from sim.version import program_version
 
 @dataclass(frozen=True)
 class LogSums:
-    """The sums of one piece of log, and what of it was left out."""
+    """The sums of one piece of log, and what was left out of it."""
 
     name: str
     sums: Sums
@@ -31,19 +31,19 @@ class LogSums:
         return LogSums(m.name, summed(rows, weights), m.excluded)
 
     def arrays(self) -> dict[str, np.ndarray]:
-        """Everything by name, to be kept in a file."""
+        """Arrays by name, for storage in a file."""
         words = {"name": self.name, "excluded": [[e.joint, e.reason, e.seconds] for e in self.excluded]}
         return self.sums.arrays() | {"words": np.array(json.dumps(words))}
 
     @staticmethod
     def of_arrays(arrays: dict[str, np.ndarray]) -> LogSums:
-        """The sums that `arrays` were made of."""
+        """The inverse of `arrays`."""
         words = json.loads(str(arrays["words"]))
         return LogSums(words["name"], Sums.of_arrays(arrays), tuple(Exclusion(*e) for e in words["excluded"]))
 
 
 def context_of(arm: Arm, cutoff: float, slip_width: np.ndarray, often: np.ndarray, weights: Reference) -> str:
-    """A digest of all that the sums over a piece depend on beside the piece; another version of the program counts as another sum."""
+    """Digest of everything that the sums over a piece depend on except the piece itself, including the program's version."""
     digest = hashlib.sha256(f"{program_version()} {arm.sha256} {arm.speed_from} {cutoff!r} {weights.huber!r}".encode())
     for values in (slip_width, often, weights.theta, weights.noise.ar, weights.noise.sigma):
         digest.update(np.ascontiguousarray(values).tobytes())
@@ -51,7 +51,7 @@ def context_of(arm: Arm, cutoff: float, slip_width: np.ndarray, often: np.ndarra
 
 
 def joined(portions: Iterable[LogSums]) -> tuple[Sums, tuple[str, ...], tuple[tuple[str, Exclusion], ...]]:
-    """All sums as one, the names of the logs, and what was left out of each log."""
+    """All sums merged, the names of the logs, and what was left out of each log."""
     total: Sums | None = None
     names: dict[str, None] = {}
     left: dict[tuple[str, str | None, str], float] = {}

@@ -1,4 +1,4 @@
-"""What is known of an arm before any data: its own numbers, and how far the arm file says they may be off."""
+"""Prior of an arm before any data: its own numbers, and their uncertainty as the arm file states it."""
 
 from __future__ import annotations
 
@@ -13,15 +13,16 @@ from sim.rigid_body import link_parameters
 
 
 def full_nominal(arm: Arm, model: TorqueModel) -> np.ndarray:
-    """(11 n,) link parameters and rotor inertias as the arm has them."""
+    """(11 n,) nominal link parameters and reflected inertias."""
     return np.concatenate([model.body.parameters(), values_of(arm, "rotor_inertia", "inertia")])
 
 
 def full_covariance(arm: Arm) -> np.ndarray:
-    """(11 n, 11 n) of link parameters and rotor inertias: independent errors of mass, centre of mass and inertia of each link.
+    """(11 n, 11 n) covariance of link parameters and reflected inertias.
 
-    A centre of mass errs by prior.com of the link's size, which is its distance from the joint plus its radius of gyration; rotors
-    as sim.prior.spread says.
+    Mass, centre of mass and inertia of each link err independently. The standard deviation of a centre of mass is prior.com
+    times the link's size, which is its distance from the joint plus its radius of gyration. Reflected inertias follow
+    sim.prior.spread.
     """
     n, tree, prior = arm.n, arm.tree, arm.prior
     out = np.zeros((11 * n, 11 * n))
@@ -46,9 +47,9 @@ def full_covariance(arm: Arm) -> np.ndarray:
 
 
 def nominal_prior(arm: Arm, model: TorqueModel) -> Prior:
-    """The arm's own numbers in the model's columns, as precisely as its prior says.
+    """The arm's own numbers in the model's columns, with the precision that its prior states.
 
-    An offset that is stated to be none is known to a tenth of the dry friction.
+    Unless the prior lists offsets as unknown, their standard deviation is a tenth of the dry friction.
     """
     b, p = len(model.base), model.p
     covariance = np.zeros((p, p))

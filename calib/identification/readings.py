@@ -1,9 +1,10 @@
-"""Which reading of the motion a fit uses, and below which frequency: both by what predicts parts of the recordings left out.
+"""Which reading of the motion a fit uses, and below which frequency: both chosen by how well left-out parts are predicted.
 
-The two readings are not blended. By their noise, the position should count below the frequency at which both are equally sure of the speed
-and the reported speed above it (the steady Kalman smoother of the two); encoders are so fine that this lies above the filter's cutoff, and a
-reported speed differs from the derivative of the position by its own filter more than by noise. On recordings of eight real arms and drives
-the blend moved the error of parts left out by less than a hundredth on six, and made it a fifth larger on one.
+The two readings are not blended. By noise alone, the steady-state Kalman smoother would use the position below the frequency at
+which both are equally certain of the speed, and the reported speed above. Encoders are so fine that this frequency lies above
+the filter's cutoff, and a reported speed differs from the derivative of the position more by its own filter than by noise. On
+recordings of eight real arms and drives, blending changed the error on left-out parts by less than a hundredth on six, and made
+it a fifth larger on one.
 """
 
 from __future__ import annotations
@@ -25,8 +26,10 @@ from sim.arm_table import SpeedFrom
 
 @dataclass(frozen=True)
 class SpeedReading:
-    """speed: from differences of the position, or as reported; cutoff Hz of the common filter; motion Hz that the motion's spectrum asks
-    for, None where a cutoff was stated."""
+    """speed: from differences of the position, or as reported; cutoff Hz of the common filter.
+
+    motion: cutoff Hz from the motion's spectrum, None where a cutoff was stated.
+    """
 
     speed: SpeedFrom
     cutoff: float
@@ -34,9 +37,9 @@ class SpeedReading:
 
 
 def chosen_reading(arm: Arm, logs: Sequence[Log], stated: float | None) -> SpeedReading:
-    """The reading that goes best with the torque; the arm's own speed where a log reports none. stated: a cutoff that is not chosen, Hz.
+    """The reading that predicts the torque best; the arm's stated one where a log reports no speed. stated: a given cutoff, Hz.
 
-    Where the commanded motion is recorded, instruments answer for the noise of the position, and nothing is chosen.
+    Where the commanded motion is recorded, instruments deal with position noise, and nothing is chosen.
     """
     motion = None if stated else max(motion_cutoff(log) for log in logs)
     cutoff, speed = stated or motion or CUTOFF_LEAST, arm.speed_from

@@ -1,4 +1,4 @@
-"""By which weights rows agree with themselves: scale and colour of their residuals, robustly, and where whitening would hide the model's error."""
+"""Row weights from the rows' own residuals: robust scale and colour, and the joints where whitening would hide model error."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ WORSE = 0.05
 
 
 def reference(rows: RegressorRows, prior: Prior | None = None, nominal: Prior | None = None, robust: bool = True) -> Reference:
-    """The weights under which the rows agree with themselves: scale and colour of their own residuals, found in a few rounds."""
+    """Weights consistent with the scale and colour of the rows' own residuals, found in a few rounds."""
     model, used = rows.model, rows.used
     sums = plain(rows)
     prior, _, _, _ = prior_in_use(model, sums, prior, nominal)
@@ -41,7 +41,7 @@ def reference(rows: RegressorRows, prior: Prior | None = None, nominal: Prior | 
 def _settled(
     rows: RegressorRows, theta: np.ndarray, ar: np.ndarray, prior: Prior, robust: bool
 ) -> tuple[Reference, np.ndarray]:
-    """Weights with this whitening, and the inverse (p, p) of the information under them."""
+    """Weights with the whitening filter `ar`, and the inverse (p, p) of the information under them."""
     model, huber, absorbed = rows.model, np.inf, np.zeros(rows.model.arm.n)
     for _ in range(3 if robust else 1):
         weights = Reference(theta, _innovations(rows, theta, ar, robust, absorbed), huber)
@@ -54,11 +54,11 @@ def _settled(
 
 
 def _bent(rows: RegressorRows, weights: Reference, variance: np.ndarray, prior: Prior) -> np.ndarray:
-    """(n,) whether whitening makes a joint's torque worse on a log that the fit has not seen, by more than WORSE.
+    """(n,) whether whitening raises a joint's error on left-out logs by more than WORSE.
 
-    Whitening takes what is slow in the residual for noise. Where it is the model that is wrong, the same slow error comes again in every
-    log, and a fit that does not look away from it predicts better. With one log, or where the others alone do not show every parameter, there is
-    nothing to compare on.
+    Whitening treats the slow part of the residual as noise. Where it is model error, it repeats in every log, and a fit that
+    does not discount it predicts better. With one log, or where the others alone do not excite every parameter, there is
+    nothing to compare.
     """
     model, used = rows.model, rows.used
     parts = [rows.part(k) for k in range(len(rows.measurements))]
@@ -78,7 +78,7 @@ def _bent(rows: RegressorRows, weights: Reference, variance: np.ndarray, prior: 
 
 
 def _innovations(rows: RegressorRows, theta: np.ndarray, ar: np.ndarray, robust: bool, absorbed: np.ndarray) -> Noise:
-    """Noise of this colour, as large as each joint's innovations, with the share `absorbed` (n,) of them; by the median where outliers must not count."""
+    """Noise of this colour, sized by each joint's innovations plus the share `absorbed` (n,); robust: by their median."""
     unit = Noise.of_innovations(np.ones(len(ar)), ar)
     parts: list[list[np.ndarray]] = [[] for _ in ar]
     for block in rows:

@@ -1,4 +1,4 @@
-"""A_j theta = b_j: filtered rows of every joint, kept in memory while they are few, computed again block by block where they are many."""
+"""A_j theta = b_j: filtered rows of every joint, kept in memory if few, recomputed block by block if many."""
 
 from __future__ import annotations
 
@@ -12,8 +12,9 @@ from calib.measurement.preprocessing import Measurement
 from calib.regression.noise import depth, neighbours
 
 KEPT_BYTES = 300_000_000
-# Rows after a stop, a reversal or a gap that only serve to whiten the next ones: friction still builds up. Fitted as well, they raise the error on a
-# recording kept apart from 0.39 to 0.59 of the torque's standard deviation on a real servo (XL330), and change nothing on six real arms.
+# Rows after a stop, a reversal or a gap that only serve to filter the next ones to white noise: friction is still building up.
+# Fitting them raises the error on a held-out log from 0.39 to 0.59 of the torque std on a real servo (XL330), and changes
+# nothing on six real arms.
 SETTLED = 4
 
 
@@ -23,7 +24,7 @@ class Block:
 
     a       per joint (R, p_j), the columns `used[j]` only
     b       (R, n) N m
-    usable  (R, n) rows of the fit; apart (R, n) rows that could serve and are left out of it
+    usable  (R, n) rows of the fit; apart (R, n) usable rows that are left out of it
     doubt   (R, n) (N m)^2 that bridged gaps add to the variance of b
     joined  (R,) False where the row before is not the neighbour in time
     t       (R,) s
@@ -39,7 +40,7 @@ class Block:
     t: np.ndarray
 
     def of_joint(self, j: int) -> JointRows:
-        """What of it joint j's fit takes; a block's first row has no neighbour."""
+        """Rows that the fit of joint j uses; a block's first row has no neighbour."""
         index = np.flatnonzero(self.usable[:, j])
         joined = neighbours(index, np.cumsum(~self.joined)[index])
         return JointRows(
@@ -51,8 +52,8 @@ class Block:
 class JointRows:
     """Rows of one joint.
 
-    a (R, p_j), b (R,) N m; joined (R,) whether the row before is the neighbour in time; doubt (R,) (N m)^2; index (R,) in the block
-    settled (R,) whether SETTLED usable rows lie before it without a break
+    a (R, p_j), b (R,) N m; joined (R,) whether the previous row is the neighbour in time; doubt (R,) (N m)^2
+    index (R,) in the block; settled (R,) whether SETTLED usable rows lie before it without a break
     """
 
     a: np.ndarray
@@ -67,7 +68,7 @@ class JointRows:
 class RegressorRows:
     """The rows of several measurements under one model; iterate as often as needed.
 
-    `leave_out` (measurement index, (R, n) mask) takes further rows out, such as sweeps that a pre-estimate has used.
+    leave_out: measurement index -> (R, n) mask of further rows to leave out, such as sweeps that a pre-estimate has used.
     """
 
     model: TorqueModel
@@ -82,7 +83,7 @@ class RegressorRows:
 
     @property
     def row_rate(self) -> float:
-        """Rows a second."""
+        """Rows per second."""
         return self.measurements[0].decimator.row_rate
 
     def part(self, k: int) -> RegressorRows:

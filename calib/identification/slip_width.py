@@ -1,4 +1,4 @@
-"""Over how much displacement a joint's dry friction builds up again after a change of direction, from the data."""
+"""Displacement over which a joint's dry friction builds up after a reversal, from the data."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ MOST = 5000  # rows
 
 
 def fitted_slip_width(model: TorqueModel, measurements: Sequence[Measurement]) -> np.ndarray:
-    """(n,) rad: of SLIP_WIDTHS the one that leaves each joint's rows the least residual; the narrowest unless another wins by 2 %.
+    """(n,) rad: per joint, the one of SLIP_WIDTHS with the least sum of squares; the narrowest unless another is 2 % better.
 
-    Of every recording about as many rows, MOST in all.
+    About as many rows from every recording, MOST in all.
     """
     n = model.arm.n
     sums = [[np.zeros((0, 0))] * n for _ in SLIP_WIDTHS]
@@ -54,7 +54,7 @@ def _first_rows(model: TorqueModel, measurements: Sequence[Measurement]) -> list
 
 
 def _left(gram: np.ndarray) -> float:
-    """Least residual sum of squares of the last column on the others, from their Gram matrix."""
+    """Residual sum of squares of the last column regressed on the others, from their Gram matrix."""
     norm = np.sqrt(np.maximum(np.diag(gram), 1e-300))
     g = gram / np.outer(norm, norm)
     x = np.linalg.pinv(g[:-1, :-1], rcond=1e-10, hermitian=True) @ g[:-1, -1]

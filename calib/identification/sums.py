@@ -1,8 +1,8 @@
-"""Sums over rows whose weights are fixed beforehand, so that any rows, anywhere and in any order, add up to the same estimate.
+"""Sums over rows with fixed weights, so that rows add up to the same estimate in any order and in any portions.
 
-Residuals of a robot are correlated: over time, because friction and flexibility that the model lacks move slowly, and over joints. Phi_j
-is the autoregressive filter of joint j's own residual; the scores of neighbouring rows are summed as W. Newey and K. West do
-(Econometrica 55(3), 1987).
+Residuals of a robot are correlated: over time, because friction and flexibility missing from the model vary slowly, and across
+joints. Phi_j is the autoregressive filter of joint j's own residual. Scores of neighbouring rows are summed as in W. Newey,
+K. West (Econometrica 55(3), 1987).
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ MEMORY_SECONDS = 1.0
 
 @dataclass(frozen=True)
 class Reference:
-    """What the weights of rows rest on: theta (p,) for their residuals, their noise, and the number of standard deviations `huber` beyond
-    which a row gets less weight.
+    """Basis of the row weights: theta (p,) for the residuals, their noise, and the limit `huber`.
 
-    A joint whose noise is white is not whitened. rows: how many weighted rows this rests on; colouring and shortfall (p,): what the noise's colour makes of
-    each variance, and by what the products of neighbouring scores understate it (calib.identification.absorbed); slow (n,) N m: its
+    huber: standard deviations beyond which a row gets less weight. A joint whose noise is white is not filtered. rows: number
+    of weighted rows that this rests on. colouring, shortfall (p,): factors by which the noise's colour raises each variance,
+    and by which the products of neighbouring scores understate it (calib.identification.absorbed). slow (n,) N m: the noise's
     strength at low frequency.
     """
 
@@ -41,12 +41,12 @@ class Reference:
 
 @dataclass(frozen=True)
 class Sums:
-    """The sums of rows that were weighted by one reference.
+    """Sums of rows weighted by one reference.
 
     plain    per joint the rows [A_j b_j] as they are; apart: usable rows that the fit leaves out
-    white    per joint the rows [A_j b_j], whitened and weighted
+    white    per joint the rows [A_j b_j], filtered to white noise and weighted
     scores   (p, p) products of neighbouring scores with Bartlett's weights
-    touched  (n,) rows that get less weight as outliers; counts (n,) all whitened rows
+    touched  (n,) rows that get less weight as outliers; counts (n,) all white rows
     """
 
     plain: JointInformation
@@ -69,13 +69,13 @@ class Sums:
         )
 
     def arrays(self) -> dict[str, np.ndarray]:
-        """Everything by name, to be kept in a file."""
+        """Arrays by name, for storage in a file."""
         out = {"scores": self.scores, "touched": self.touched, "counts": self.counts}
         return out | to_arrays("plain", self.plain) | to_arrays("apart", self.apart) | to_arrays("white", self.white)
 
     @staticmethod
     def of_arrays(arrays: dict[str, np.ndarray]) -> Sums:
-        """The sums that `arrays` were made of."""
+        """The inverse of `arrays`."""
         plain, apart, white = (of_arrays(name, arrays) for name in ("plain", "apart", "white"))
         return Sums(plain, apart, white, arrays["scores"], arrays["touched"], arrays["counts"])
 
@@ -87,7 +87,7 @@ def summed(rows: RegressorRows, weights: Reference) -> Sums:
 
 
 def plain(rows: RegressorRows, apart: bool = False) -> JointInformation:
-    """Per joint the rows [A_j b_j] of the fit, or those usable ones that it leaves out."""
+    """Per joint the rows [A_j b_j] of the fit, or (apart) the usable rows that it leaves out."""
     out = [InformationMatrix.none(len(u) + 1) for u in rows.used]
     for block in rows:
         mask = block.apart if apart else block.usable
@@ -98,7 +98,7 @@ def plain(rows: RegressorRows, apart: bool = False) -> JointInformation:
 
 
 def weighted(rows: RegressorRows, weights: Reference) -> tuple[JointInformation, np.ndarray, np.ndarray, np.ndarray]:
-    """Whitened and weighted rows per joint, products of scores, rows touched and rows in all."""
+    """White, weighted rows per joint, products of scores, number of downweighted rows and of all rows."""
     n, p = rows.model.arm.n, rows.model.p
     white, scores = [InformationMatrix.none(len(u) + 1) for u in rows.used], np.zeros((p, p))
     touched, counts = np.zeros(n), np.zeros(n)
@@ -117,7 +117,7 @@ def weighted(rows: RegressorRows, weights: Reference) -> tuple[JointInformation,
 
 @dataclass(frozen=True)
 class WhiteRows:
-    """Rows of a joint with unit, uncorrelated noise: a (R, p_j), b, residual e and weight (R,) by Huber's loss, index (R,) in the block."""
+    """Rows of a joint with unit white noise: a (R, p_j), b, residual e, Huber weight and index in the block, (R,) each."""
 
     a: np.ndarray
     b: np.ndarray
@@ -127,7 +127,7 @@ class WhiteRows:
 
 
 def whitened(block: Block, j: int, used: np.ndarray, weights: Reference) -> WhiteRows:
-    """A joint's settled rows of a block under these weights."""
+    """Settled rows of a joint in a block, filtered to white noise under these weights."""
     own = block.of_joint(j)
     taps = weights.noise.taps(j, own.joined, own.doubt)
     a, b = filtered(taps, own.a), filtered(taps, own.b)

@@ -1,1 +1,1 @@
-"""Recordings as samples that may be used: read, resampled on the device clock, filtered without phase, what stands and what is missing marked."""
+"""From recordings to samples: resampled on the device clock, filtered with zero phase, unusable ones marked."""

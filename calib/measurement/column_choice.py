@@ -1,4 +1,4 @@
-"""What the columns of a table mean: from a map that was kept, from options, or from a guess."""
+"""What the columns of a table mean: from a stored map, from options, or guessed."""
 
 from __future__ import annotations
 
@@ -21,7 +21,10 @@ def chosen_map(
     table: Table, map_file: Path | None, columns: Sequence[str], rate: float | None, joints: str | None,
     joint_names: Sequence[str] | None, episode: int | None,
 ) -> tuple[ColumnMap, list[str], bool]:  # fmt: skip
-    """The map, what is doubtful about it or was not taken, and whether it was stated, not guessed: by a map, or time and positions by options."""
+    """The map, what is doubtful about it or unused, and whether it was stated rather than guessed.
+
+    It is stated by a map file, or by options that give the positions and the time or rate.
+    """
     if map_file is not None:
         found = read_map(map_file)
         return (replace(found, where={"episode_index": float(episode)}) if episode is not None else found), [], True
@@ -34,7 +37,7 @@ def chosen_map(
         found = ColumnMap(tuple(joint_names), stated.time, stated.time_unit, stated.channels, stated.rate, where)
         unused = ", ".join(idle(found, table))
         doubts = (
-            [f"time and q are stated, so nothing is guessed, and not taken: {unused}; state others with --column"]
+            [f"time and q are stated, so nothing is guessed; unused columns: {unused}; add columns with --column"]
             if unused
             else []
         )
@@ -44,7 +47,7 @@ def chosen_map(
 
 
 def with_words(chosen: ColumnMap, assume: Sequence[str]) -> tuple[ColumnMap, list[str]]:
-    """The map with the words `tau=int16`, `current=int32` and their like of `--assume`, which are about the raw numbers; the other words."""
+    """The map with the `--assume` words about raw numbers, such as `tau=int16` or `current=int32`, and the other words."""
     channels, others = dict(chosen.channels), []
     for word in assume:
         channel, _, integer = word.partition("=")
@@ -62,7 +65,7 @@ def idle(chosen: ColumnMap, table: Table) -> list[str]:
 
 
 def _option(text: str, known: Sequence[str]) -> tuple[str, tuple[list[str], str | None]]:
-    """`q=a,b,c:deg` as channel, names and unit; `known` the file's columns, one of which may hold a colon."""
+    """`q=a,b,c:deg` as channel, names and unit; known: the file's columns, whose names may contain a colon."""
     channel, equals, rest = text.partition("=")
     if not equals or channel not in ("time", *CHANNELS):
         raise ConfigError(
@@ -70,29 +73,29 @@ def _option(text: str, known: Sequence[str]) -> tuple[str, tuple[list[str], str 
         )
     units = TIME if channel == "time" else UNITS[channel]
     names, colon, given = rest.rpartition(":")
-    unit = next((u for u in units if u.replace(" ", "") == given.replace(" ", "")), "")  # Nm is N m
+    unit = next((u for u in units if u.replace(" ", "") == given.replace(" ", "")), "")  # so that Nm is N m
     if not unit:
         last = rest.split(",")[-1].strip()
         if colon and last not in known and last.rpartition(":")[0].strip() in known:
-            raise ConfigError(f"--column {text!r:.120}: {given!r} is no unit of {channel}; {nearest(given, units)}")
+            raise ConfigError(f"--column {text!r:.120}: {given!r} is not a unit of {channel}; {nearest(given, units)}")
         names = rest
     parts = [column for name in names.split(",") for column in _columns_of(name.strip(), known)]
     absent = next((name for name in parts if name and name not in known), None)
     if absent is not None:
         raise ConfigError(f"--column {text!r:.120}: the file has no column {absent!r:.80}; {nearest(absent[:80], known[:40])}")
     if channel == "time" and len(parts) != 1:
-        raise ConfigError(f"--column {text!r:.120}: the time is one column")
+        raise ConfigError(f"--column {text!r:.120}: time needs exactly one column")
     return channel, (parts, unit or None)
 
 
 def _columns_of(name: str, known: Sequence[str]) -> list[str]:
-    """The column of that name, or those of the matrix of that name: pos[0], pos[1], ..."""
+    """The column of that name, or the columns of the matrix of that name: pos[0], pos[1], ..."""
     parts = [column for column in known if column.startswith(f"{name}[") and column.endswith("]")]
     return parts if parts and name not in known else [name]
 
 
 def _stated(table: Table, options: Sequence[str], rate: float | None) -> Stated:
-    """What the options state; a unit that they leave out is the one in the columns' names, else the log's own."""
+    """What the options state; a missing unit is taken from the columns' names, else it is the log's own."""
     time, time_unit, channels = None, "s", {}
     for channel, (names, given) in (_option(option, (*table.columns, *table.words)) for option in options):
         unit = given or next(filter(None, (stated_unit(channel, name) for name in names if name)), "")

@@ -23,7 +23,7 @@ class Exclusion:
 
 
 def standing_samples(still: np.ndarray, starts: np.ndarray, rate: float) -> np.ndarray:
-    """(N, n) where a joint has been still for STANDING_SECONDS or longer: its torque may be anything within its dry friction."""
+    """(N, n) whether a joint stands for STANDING_SECONDS or longer: its torque may then be anywhere within its dry friction."""
     shortest = int(STANDING_SECONDS * rate)
     out = np.zeros_like(still)
     for j in range(still.shape[1]):
@@ -35,7 +35,7 @@ def standing_samples(still: np.ndarray, starts: np.ndarray, rate: float) -> np.n
 
 
 def ends_of_motion(standing: np.ndarray) -> np.ndarray:
-    """(N,) before the first and after the last motion of any joint."""
+    """(N,) samples before the first and after the last motion of any joint."""
     moving = np.flatnonzero(~standing.all(axis=1))
     out = np.ones(len(standing), dtype=bool)
     if len(moving):
@@ -44,7 +44,7 @@ def ends_of_motion(standing: np.ndarray) -> np.ndarray:
 
 
 def clipped_samples(tau: np.ndarray, tau_max: np.ndarray) -> np.ndarray:
-    """(N, n) readings at the limit, and flat tops: FLAT_SAMPLES or more equal readings at a joint's largest value of either sign."""
+    """(N, n) readings at the torque limit, and flat tops: FLAT_SAMPLES or more equal extreme readings of either sign."""
     out = np.abs(tau) >= 0.999 * np.where(np.isfinite(tau_max), tau_max, np.inf)
     for j in range(tau.shape[1]):
         x = np.where(np.isfinite(tau[:, j]), tau[:, j], 0.0)
@@ -65,7 +65,7 @@ def listed_exclusions(
         for mask, reason in (
             (standing[:, j] & ~ends, "standing"),
             (clipped[:, j] & ~ends, "torque at its limit"),
-            (~usable[:, j] & ~ends & ~clipped[:, j], "window reaches over an end, or no reading"),
+            (~usable[:, j] & ~ends & ~clipped[:, j], "window reaches past an end, or no reading"),
         ):
             if mask.any():
                 exclusions.append(Exclusion(joint, reason, float(mask.sum()) / rate))

@@ -1,7 +1,7 @@
 """A zero-phase filter as a finite symmetric window: the same one acts on the torque and on every regressor column.
 
-Finite windows make three things exact that recursive filters only approximate: no phase at all, a known reach (so a gap or a
-clipped sample spoils a known stretch and no more), and block-wise work on logs of any length.
+A finite window makes exact what recursive filters only approximate: zero phase, a known reach (a gap or a clipped sample
+affects a known stretch and no more), and block-wise processing of logs of any length.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ CUTOFF_LEAST, CUTOFF_MOST = 8.0, 20.0  # Hz
 class Decimator:
     """Low pass of `cutoff` Hz (-6 dB, Hamming window, symmetric) and every `step`-th value of the result.
 
-    rows stand at samples reach, reach + step, ... of a stretch of samples; the reach at both ends gives no row.
+    Rows lie at samples reach, reach + step, ... of a stretch; the `reach` samples at either end give no row.
     """
 
     rate: float
@@ -31,23 +31,23 @@ class Decimator:
 
     @staticmethod
     def of_cutoff(rate: float, cutoff: float) -> Decimator:
-        """The filter whose transition ends at 1.5 cutoff, with ROWS_PER_CUTOFF * cutoff rows a second."""
+        """The filter whose transition ends at 1.5 cutoff, with about ROWS_PER_CUTOFF * cutoff rows per second."""
         half = max(1, round(3.3 * rate / cutoff / 2))
         taps = firwin(2 * half + 1, cutoff, fs=rate) if cutoff < 0.5 * rate else np.array([1.0])
         return Decimator(rate, cutoff, max(1, int(rate / (ROWS_PER_CUTOFF * cutoff))), taps)
 
     @property
     def reach(self) -> int:
-        """Samples on each side that take part in one row."""
+        """Samples on each side that contribute to one row."""
         return len(self.taps) // 2
 
     @property
     def row_rate(self) -> float:
-        """Rows a second."""
+        """Rows per second."""
         return self.rate / self.step
 
     def centres(self, count: int) -> np.ndarray:
-        """Sample index of every row that a stretch of `count` samples gives."""
+        """Sample index of every row from a stretch of `count` samples."""
         return np.arange(self.reach, count - self.reach, self.step)
 
     def rows(self, x: np.ndarray) -> np.ndarray:
@@ -60,23 +60,23 @@ class Decimator:
         return np.ndarray((count, *x.shape[1:], len(self.taps)), x.dtype, x, strides=strides) @ self.taps
 
     def clean_rows(self, usable: np.ndarray) -> np.ndarray:
-        """Rows (R, ...) to which unusable samples (N, ...) give less than 2 % of the filter's weight."""
+        """(R, ...) rows in which samples outside `usable` (N, ...) carry less than 2 % of the filter's weight."""
         return self.share_of(~usable) < 0.02
 
     def variance_of(self, variance: np.ndarray) -> np.ndarray:
-        """(R, ...) of every row, from the variance (N, ...) of independent samples."""
+        """(R, ...) variance of every row, from the variance (N, ...) of independent samples."""
         return Decimator(self.rate, self.cutoff, self.step, self.taps**2).rows(variance)
 
     def share_of(self, marked: np.ndarray) -> np.ndarray:
-        """(R, ...) in [0, 1]: how much of every row's weight falls on marked samples (N, ...)."""
+        """(R, ...) in [0, 1]: share of each row's filter weight on marked samples (N, ...)."""
         weight = np.abs(self.taps)
         return Decimator(self.rate, self.cutoff, self.step, weight).rows(marked) / weight.sum()
 
 
 def motion_cutoff(log: Log) -> float:
-    """Hz: one and a half times the frequency below which 99 % of the speed's power lies, as far as it stands out of the noise.
+    """Cutoff, Hz: 1.5 times the frequency below which 99 % of the speed's power above the noise lies.
 
-    Within [8, 20] Hz and at most a tenth of the sampling rate: slower leaves too few rows, faster differentiates the encoder's noise.
+    Within [8, 20] Hz and at most a tenth of the sampling rate: lower leaves too few rows, higher differentiates encoder noise.
     """
     rate = 1 / log.period
     q = log.q[np.isfinite(log.q).all(axis=1)]

@@ -1,13 +1,13 @@
-"""What the following error, command less reading, tells of effects that stand between motor and link.
+"""Effects between motor and link, as the following error (command minus reading) shows them.
 
-A drive that closes its loop on the motor holds the motor at the command q_cmd, and the link lags by what the gear gives:
+A drive that closes its loop on the motor holds it at the command q_cmd, and the link lags by the lost motion of the gear:
 
     q_cmd - q = c X + b s(load) + e
 
-X what any drive makes of a motion (1, speed and acceleration of link and command, torque and its rate, load and load |load|, the sense of
-motion), s the effect's lead per unit of its parameter b (Effect.motor_lead), e correlated. b comes from least squares, its standard
-deviation from leaving out one block of BLOCK seconds at a time. A drive that closes its loop on the link shows nothing, so a following
-error without a gap is no evidence against one.
+X holds what any drive may add (1, speed and acceleration of link and command, torque and its rate, load and load |load|, sense
+of motion). s is the effect's lead per unit of its parameter b (Effect.motor_lead), and e is correlated noise. b comes from
+least squares, its standard deviation from leaving out one block of BLOCK seconds at a time. A drive that closes its loop on the
+link shows nothing, so a following error without backlash is no evidence against backlash.
 
 B. Efron, C. Stein (1981), doi:10.1214/aos/1176345462, for the jackknife.
 """
@@ -25,21 +25,22 @@ from sim.prediction import torque_path
 
 BLOCK = 1.0  # s
 LEAST_BLOCKS = 8
-LEAST_SHARE = 0.02  # of the samples, with the load to either side
-# s before and after a change of the load's sign in which the motor may be anywhere in a gap: its crossing, the blow that ends it and the error of
-# the load. With them, 15 half gaps of the exam (seeds 26112951 to 26113001) came out 6 % small in the median, without them 0.1 %.
+LEAST_SHARE = 0.02  # of the samples, with a load of either sign
+# s before and after a sign change of the load in which the motor may be anywhere in the gap: the crossing, the impact that ends
+# it, and the error of the load. With them, 15 half gaps of the exam (seeds 26112951 to 26113001) came out 6 % too small in the
+# median, without them 0.1 %.
 CROSSING = (0.03, 0.1)
-# Scatter of `value` over the jackknife's deviation where nothing was hidden: 4373 pairs of joint and recording of the exam (seeds 26112811 to
-# 26112841) and of other simulated arms, on which it was set.
+# Scatter of `value` over the jackknife's standard deviation where no effect is present. Set on 4373 pairs of joint and
+# recording of the exam (seeds 26112811 to 26112841) and of other simulated arms.
 OPTIMISM = 1.2
-# rad/s over which the sense of motion turns; chosen around the speeds at which dry friction of the exam's arms does
+# rad/s over which the sense of motion reverses; chosen around the speeds at which dry friction of the exam's arms does
 SENSES = (3e-3, 3e-2)
 
 
 def observed(log: Log, m: Measurement, arm: Arm) -> dict[Key, Observed]:
-    """Per effect and joint what a recording shows of the effect's only parameter.
+    """Per effect and joint, the effect's only parameter as a recording shows it.
 
-    Nothing where half of the commands are missing, where they repeat the reading, or where the load keeps its sign.
+    Nothing where more than half of the commands are missing, where they equal the reading, or where the load keeps its sign.
     """
     followed: dict[Key, Observed] = {}
     read = np.isfinite(log.q_cmd).all(axis=1) & np.isfinite(log.q).all(axis=1)
@@ -65,19 +66,19 @@ def observed(log: Log, m: Measurement, arm: Arm) -> dict[Key, Observed]:
 
 
 def _crossing(t: np.ndarray, load: np.ndarray) -> np.ndarray:
-    """(N,) which samples at t (N,) s lie about a change of the sign of load (N,)."""
+    """(N,) whether samples at t (N,) s lie near a sign change of load (N,)."""
     changes = t[1:][np.diff(np.sign(load)) != 0]
     before, after = CROSSING
     return np.searchsorted(changes, t + before, side="right") > np.searchsorted(changes, t - after, side="left")
 
 
 def _at(t: np.ndarray, known: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """Readings (K, n) at instants `known`, on the line between two of them at t (N,)."""
+    """(N, n) at t (N,) s: readings x (K, n) at instants `known` (K,), interpolated linearly."""
     return np.stack([np.interp(t, known, column) for column in x.T], axis=1)
 
 
 def _of_any_drive(m: Measurement, command: np.ndarray, load: np.ndarray, j: int) -> np.ndarray:
-    """(N, k) columns that need no gap: every one of them may stand in the following error of a sound gear."""
+    """(N, k) columns that the following error may contain without any backlash."""
     x = m.trajectory
     speed, tau = m.rate_of_change(command), m.tau[:, j]
     senses = [np.tanh(x.dq[:, j] / width) for width in SENSES]
@@ -87,7 +88,7 @@ def _of_any_drive(m: Measurement, command: np.ndarray, load: np.ndarray, j: int)
 
 
 def jackknifed(x: np.ndarray, y: np.ndarray, block: np.ndarray) -> Observed | None:
-    """The last coefficient of y = x c, and its standard deviation when blocks of samples are left out in turn."""
+    """Last coefficient of y = x c and its standard deviation, blocks left out in turn; None with fewer than LEAST_BLOCKS."""
     _, block = np.unique(block, return_inverse=True)
     count = int(block.max()) + 1
     if count < LEAST_BLOCKS:
@@ -96,7 +97,7 @@ def jackknifed(x: np.ndarray, y: np.ndarray, block: np.ndarray) -> Observed | No
     xx = np.add.reduceat(x[:, :, None] * x[:, None, :], first, axis=0)
     xy = np.add.reduceat(x * y[:, None], first, axis=0)
     whole, right = xx.sum(axis=0), xy.sum(axis=0)
-    # a joint that stands has columns of zeros
+    # a standing joint has columns of zeros
     ridge = 1e-9 * float(np.max(np.diag(whole))) * np.eye(len(whole))
     value = np.linalg.solve(whole + ridge, right)[-1]
     without = np.linalg.solve(whole - xx + ridge, (right - xy)[:, :, None])[:, -1, 0]

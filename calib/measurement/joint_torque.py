@@ -1,4 +1,4 @@
-"""Torque at the joints of a recording, from what its drives report."""
+"""Joint torque of a recording, from what its drives report."""
 
 from __future__ import annotations
 
@@ -13,7 +13,10 @@ from sim.errors import BadLog, ConfigError
 
 
 def joint_torque(log: Log, arm: Arm, name: str = "log") -> np.ndarray:
-    """(N, n) N m: the effort that the drive reports, else current times the arm's torque constant, joint by joint."""
+    """(N, n) N m, joint by joint: the reported effort, else the current times the arm's torque constant.
+
+    BadLog where a joint has neither; ConfigError where it has only a current and the arm no torque constant.
+    """
     tau = np.array(log.tau, dtype=float)
     silent = ~np.isfinite(tau).any(axis=0)
     if not silent.any():

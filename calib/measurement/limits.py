@@ -1,7 +1,7 @@
-"""A drive at its limit: the arm does what the torque allows, so inverse dynamics agrees; that it was asked for more shows beside it.
+"""Torque limits that a drive reached, from torque and following error together.
 
-Where the torque stands at its largest value and the arm falls behind what was commanded, far beyond how it follows otherwise, the
-drive could not give more.
+At the limit, the arm moves as the torque allows, so inverse dynamics agrees and shows nothing. A drive is at its limit where
+the torque stays at its largest value and the following error is far larger than usual.
 """
 
 from __future__ import annotations
@@ -16,19 +16,22 @@ from calib.measurement.joint_torque import joint_torque
 from logs.log import Log
 from sim.arm import Arm, ArmEffect
 
-TOP, BELOW = 0.9, 0.85  # of the largest torque: the level at which a limit would stand, and what is clearly under it
+TOP, BELOW = 0.9, 0.85  # of the largest torque: the level of a possible limit, and clearly below it
 SMOOTH, LONGEST, SHORTEST, AFTER = 0.04, 0.5, 0.06, 0.15  # s
-# Spread over the limit, of the torque at its limit and of the levels at which it stood: a drive's limit has a knee, its reading noise and a gain.
-# Levels of one limit spread by up to 2.9 %; to 4 % nothing else is taken for a limit (516 cases of benchmarks/exam, seeds 26112921 to ...971).
+# Spread relative to the limit, of the torque at its limit and of the levels of several stands: a drive's limit has a knee, its
+# reading noise and a gain. Levels of one limit spread by up to 2.9 %; up to 4 %, nothing else is mistaken for a limit (516
+# cases of benchmarks/exam, seeds 26112921 to ...971).
 FLAT, KNEE = 0.03, 0.01
-NOISE = 0.01  # of the largest torque: what smoothing leaves of the noise, where LONGEST allows
-MOVING = 0.05  # of a joint's fastest; a joint at rest follows exactly, whatever its delay in motion
-# Share of the following error in motion that is its usual size: the rest may be the way back from a limit, at a low one most of it.
+NOISE = 0.01  # of the largest torque: noise that smoothing leaves, where LONGEST allows
+MOVING = 0.05  # of a joint's top speed; a joint at rest follows exactly, whatever its delay in motion
+# Share of the samples in motion, those with the smallest error, that gives the usual following error. The others may belong to
+# the return from a limit, at a low limit most of them.
 CALM = 0.3
-# Largest following error at the level over its usual size: up to 184 at joints without a limit, 696 and more at 18 of 18 with one (the same
-# cases); below 30 on 15 recordings of the real UR10e; 263 on a clean mock whose joint stands at its reversals (ur30, dry friction 42 N m).
+# Largest following error at the level over its usual size: up to 184 at joints without a limit, at least 696 at all 18 with one
+# (the same cases); below 30 on 15 recordings of the real UR10e; 263 on a clean mock whose joint sticks at its reversals (ur30,
+# dry friction 42 N m).
 USUALLY, BEHIND = 130.0, 500.0
-OF_MEDIAN = 1.2533  # standard error of a median over that of a mean, normal noise
+OF_MEDIAN = 1.2533  # standard error of a median over that of a mean, for normal noise
 LEAST_STEP = 1e-6  # rad, or m
 
 
@@ -48,15 +51,16 @@ class Limit:
 
     @property
     def confidence(self) -> float:
-        """Odds of `behind` over what recordings without a limit reach."""
+        """In [0, 1): `behind` against the order of what recordings without a limit reach."""
         return self.behind / (self.behind + USUALLY)
 
 
 def limits_reached(arm: Arm, logs: Sequence[Log], torques: Sequence[np.ndarray] | None = None) -> list[Limit]:
-    """The joints whose drive reached its limit in `logs`; none where the commanded motion was not recorded.
+    """Torque limits reached in `logs`, at most one per joint; none where the commanded motion was not recorded.
 
-    A level that any recording goes beyond is no limit. Nothing is fitted, so recordings that are held out count like the others.
-    torques: (N, n) N m of each, NaN at joints whose torque is not known; without them BadLog where a joint's is not.
+    A level that any recording exceeds is not a limit. Nothing is fitted, so held-out logs count like the others. torques: per
+    log (N, n) N m, NaN at joints of unknown torque; without them, BadLog or ConfigError where a torque is unknown
+    (joint_torque).
     """
     out: list[Limit] = []
     torques = [joint_torque(log, arm) for log in logs] if torques is None else torques
@@ -81,7 +85,7 @@ def limits_reached(arm: Arm, logs: Sequence[Log], torques: Sequence[np.ndarray] 
 
 
 def _stands(log: Log, j: int, tau: np.ndarray, most: float) -> Iterator[tuple[float, float, float]]:
-    """Stretches of flat torque near `most`, of tau (N,): largest following error over its usual size, level and its standard error N m."""
+    """Flat stretches of tau (N,) near `most`: largest following error over its usual size, level and standard error N m."""
     rate = 1 / log.period
     torque = _smoothed(tau, rate)
     error = np.abs(log.q_cmd[:, j] - log.q[:, j])
@@ -102,9 +106,10 @@ def _stands(log: Log, j: int, tau: np.ndarray, most: float) -> Iterator[tuple[fl
 
 
 def _level(tau: np.ndarray, torque: np.ndarray, first: int, end: int) -> tuple[float, float]:
-    """Median of a stand and its standard error N m, of |tau| (N,) and smoothed (N,), grown until it holds all that lies within TOP of its own median.
+    """Median of a stand and its standard error, N m, from |tau| (N,) and its smoothed values `torque` (N,).
 
-    A stand that is bounded by a share of the largest torque holds the peaks of the noise alone where the limit is low: up to 7 % too much.
+    The stand grows until it contains all neighbouring samples above TOP times its own median. Bounded by a share of the largest
+    torque instead, it would contain only the noise peaks where the limit is low: up to 7 % too high.
     """
     while True:
         edge = TOP * float(np.median(tau[first:end]))
@@ -119,13 +124,13 @@ def _level(tau: np.ndarray, torque: np.ndarray, first: int, end: int) -> tuple[f
 
 
 def _resolution(q: np.ndarray) -> float:
-    """The smallest step of a reading: an error below it may read as none at all."""
+    """Smallest step of a reading; an error below it may read as zero."""
     steps = np.abs(np.diff(q))
     return float(np.min(steps[steps > LEAST_STEP], initial=1.0)) if np.any(steps > LEAST_STEP) else LEAST_STEP
 
 
 def _smoothed(tau: np.ndarray, rate: float) -> np.ndarray:
-    """(N,) |tau| N m without most of the noise, which stands above a limit."""
+    """(N,) |tau| N m, smoothed because noise rises above a limit."""
     noise = float(np.median(np.abs(np.diff(tau)))) / (0.6745 * np.sqrt(2.0))
     wanted = noise / max(NOISE * float(np.quantile(np.abs(tau), 0.998)), 1e-12)
     return np.abs(uniform_filter1d(tau, max(1, round(rate * float(np.clip(wanted**2 / rate, SMOOTH, LONGEST))))))

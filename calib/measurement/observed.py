@@ -1,11 +1,11 @@
-"""A parameter of an effect as another channel than the torque shows it."""
+"""Effect parameters as a channel other than the torque shows them."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-Key = tuple[str, str | None]  # effect and joint, None: the whole arm
+Key = tuple[str, str | None]  # effect and joint (None: the whole arm)
 
 CLEAR = 3.0  # standard deviations
 
@@ -18,12 +18,12 @@ class Observed:
     std: float
 
     def loss(self, value: float) -> float:
-        """-2 log likelihood of a value, but for a constant."""
+        """-2 log likelihood of a value, up to a constant."""
         return ((value - self.value) / self.std) ** 2
 
 
 def together(parts: Sequence[Mapping[Key, Observed]]) -> dict[Key, Observed]:
-    """What several recordings show, each weighed by its information."""
+    """Parameters from several recordings, each weighted by its information."""
     out = {}
     for key in {key: None for part in parts for key in part}:
         seen = [part[key] for part in parts if key in part]
@@ -33,5 +33,5 @@ def together(parts: Sequence[Mapping[Key, Observed]]) -> dict[Key, Observed]:
 
 
 def clear(parts: Sequence[Mapping[Key, Observed]]) -> dict[Key, Observed]:
-    """Those that several recordings together clearly show; the others count for nothing."""
+    """Parameters that recordings together show clearly (value above CLEAR standard deviations); others are dropped."""
     return {key: seen for key, seen in together(parts).items() if seen.value > CLEAR * seen.std}

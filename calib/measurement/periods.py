@@ -1,8 +1,8 @@
-"""q(t) = mean + sum_k a_k cos(k w t) + b_k sin(k w t): the motion of a log that repeats itself, averaged and differentiated exactly.
+"""q(t) = mean + sum_k a_k cos(k w t) + b_k sin(k w t): the periodic motion of a log, averaged and differentiated exactly.
 
-Where a log holds whole periods, the reading's noise averages out over them, the harmonics of the period are the only frequencies that the
-motion can have, and their derivatives need no window. What is left between the periods is noise of the readings and nothing that a model
-could explain (J. Swevers et al. 1997, doi:10.1109/70.631234).
+Over whole periods, reading noise averages out. The motion contains only harmonics of the period, whose derivatives need no
+window. Differences between the periods are reading noise, which no model can explain (J. Swevers et al. 1997,
+doi:10.1109/70.631234).
 """
 
 from __future__ import annotations
@@ -18,21 +18,21 @@ from calib.measurement.preprocessing import Measurement
 from sim.trajectory import Trajectory
 
 SHORTEST = 2.0  # s
-LOOK_RATE = 50.0  # Hz, at which periods are looked for
-SAME = 2e-3  # mean square difference between periods over the motion's variance
-SIGMAS = 5.0  # of the noise of an acceleration, beyond which two periods differ
-MOST_APART = 0.15
-NEARLY = 0.1
+LOOK_RATE = 50.0  # Hz, of the first search for a period
+SAME = 2e-3  # mean square difference between periods over twice the motion's variance
+SIGMAS = 5.0  # standard deviations of the acceleration's noise beyond which periods differ
+MOST_APART = 0.15  # of a period
+NEARLY = 0.1  # of a period: a last one that misses less counts as whole
 
 
 def averaged(m: Measurement) -> Measurement:
-    """The measurement with the averaged motion and its exact derivatives in every whole period; as it was where nothing repeats.
+    """The measurement with averaged motion and exact derivatives in every whole period; unchanged where nothing repeats.
 
-    Its `noise` is the standard deviation of the filtered torque between the periods, the floor of any model's residual. Parts of the
-    period in which the motion of the periods differs by more than the noise of the reading, such as the first moment after a start from rest, stay as
-    they were; where that is more than MOST_APART of the period, all of it does: then it was not the same motion.
+    Its `noise` is the standard deviation of the filtered torque between the periods, the noise floor of any model. Parts of the
+    period in which the motions differ by more than reading noise stay unchanged, such as the moment after a start from rest.
+    Beyond MOST_APART of the period, the whole measurement stays unchanged, because the motion was not the same.
     """
-    found = _repeated(m) if m.unseen is None else None  # over time that the stamps do not show, no period is one
+    found = _repeated(m) if m.unseen is None else None  # time lost between the stamps breaks the periods
     if found is None:
         return m
     start, samples, count = found
@@ -55,7 +55,7 @@ def averaged(m: Measurement) -> Measurement:
 
 
 def _repeated(m: Measurement) -> tuple[int, int, int] | None:
-    """First sample, samples of a period and number of whole periods in the longest stretch; None where less than two are there."""
+    """First sample, samples per period and number of whole periods in the longest stretch; None with fewer than two."""
     begin, end = (int(x) for x in max(itertools.pairwise(m.starts), key=lambda pair: pair[1] - pair[0]))
     moving = begin + np.flatnonzero(m.usable[begin:end].any(axis=1))
     if not len(moving):
@@ -69,7 +69,7 @@ def _repeated(m: Measurement) -> tuple[int, int, int] | None:
     period = _best(q, (rough - 2) * step, (rough + 2) * step)
     if period is None:
         return None
-    # at its ends a motion is slow, and samples there may count as standing or lie in the reach of the window
+    # a motion is slow at its ends, where samples may count as standing or lie within the reach of the window
     count = int((hi - lo) / period + NEARLY)
     start = max(begin, lo - max(0, count * period - (hi - lo)) // 2)
     start = min(start, end - count * period)
@@ -77,7 +77,7 @@ def _repeated(m: Measurement) -> tuple[int, int, int] | None:
 
 
 def _best(q: np.ndarray, least: int, most: int | None) -> int | None:
-    """The shortest lag in [least, most] at which q (N, n) repeats itself; None where it does at none."""
+    """Shortest lag in [least, most] at which q (N, n) repeats; None if there is none."""
     count = len(q)
     most = min(most if most is not None else count // 2 + count // 100, count - 2)
     if least < 1 or most < least:
@@ -98,7 +98,7 @@ def _best(q: np.ndarray, least: int, most: int | None) -> int | None:
 
 
 def _derivative(mean: np.ndarray, rate: float, band: float, order: int) -> np.ndarray:
-    """The order-th derivative (S, n) of one period (S, n), of its harmonics below `band` Hz, which taper off in the last fifth."""
+    """Derivative (S, n) of one period `mean` (S, n), from its harmonics below `band` Hz, tapered over the last fifth."""
     frequency = np.fft.rfftfreq(len(mean), 1 / rate)
     taper = 0.5 * (1 + np.cos(np.pi * np.clip((frequency / band - 0.8) / 0.2, 0.0, 1.0)))
     spectrum = np.fft.rfft(mean, axis=0) * (taper * (2j * np.pi * frequency) ** order)[:, None]

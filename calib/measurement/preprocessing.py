@@ -1,7 +1,7 @@
-"""A log becomes a measurement: uniform samples on the device clock, derivatives without phase, and what must not be used.
+"""From a log to a measurement: uniform samples on the device clock, zero-phase derivatives, and which samples are unusable.
 
-Gaps stay gaps: the samples between two of them are a stretch, and no filter reaches across. Standing ends, standing joints and clipped
-readings are found and named, never repaired.
+Gaps stay gaps: the samples between two gaps form a stretch, and no filter reaches across. Standing ends, standing joints and
+clipped readings are found and reported, never repaired.
 """
 
 from __future__ import annotations
@@ -37,20 +37,20 @@ from sim.trajectory import Trajectory
 class Measurement:
     """N samples of n joints on a uniform grid, in stretches between gaps.
 
-    trajectory  q dq ddq (N, n), by the windows of calib.measurement.derivatives; t (N,) s on the device clock, with steps of 1/rate inside a stretch
+    trajectory  q dq ddq (N, n) (calib.measurement.derivatives); t (N,) s, device clock, steps of 1/rate within a stretch
     tau         (N, n) N m, resampled but not filtered
     inside      (N,) whether the derivatives' window lies within the stretch
-    usable      (N, n) False where a joint stands, its torque is clipped or missing, or the window reaches over an end
+    usable      (N, n) False where a joint stands, its torque is clipped or missing, or the window reaches past an end
     starts      (S+1,) first sample of every stretch, and N
-    decimator   the filter that makes rows of samples, for the torque and every regressor column alike
+    decimator   filter from samples to rows, the same for the torque and every regressor column
     q_noise     (n,) rad, standard deviation of the position reading about its smoothed course
-    temperature (N, n) degC, and warming (N, n), the share of the way from the coldest to the warmest of a set of recordings; None
-                where nothing was read or nothing warmed
-    doubt       (N, n) (N m)^2, what bridging a gap adds to the torque's variance, so stated that the samples of a gap count as independent;
-                None where nothing was bridged
-    unseen      (N,) s lost up to a sample although the stamps do not show it (logs.lost_time); None where nothing was
+    temperature (N, n) degC, and warming (N, n), 0 at the coldest and 1 at the warmest of a set of recordings; None where
+                nothing was read or nothing warmed
+    doubt       (N, n) (N m)^2, variance that bridging a gap adds to the torque, stated so that the samples of a gap count as
+                independent; None where nothing was bridged
+    unseen      (N,) s lost up to a sample that the stamps do not show (logs.lost_time); None where nothing was
     followed    per effect and joint a parameter as the following error shows it (calib.measurement.following)
-    period      s, where the motion is the average over whole periods, and noise (n,) N m of the filtered torque between them
+    period      s, where the motion is the average over whole periods; noise (n,) N m: std of the filtered torque between them
     """
 
     name: str
@@ -78,12 +78,11 @@ class Measurement:
 
     @property
     def rate(self) -> float:
-        """Samples a second."""
+        """Samples per second."""
         return self.decimator.rate
 
     def blocks(self, most: int = 100_000) -> Iterator[slice]:
-        """Slices of samples such that the rows of one after the other are the rows of the whole, each slice at most about `most`
-        samples long."""
+        """Slices of at most about `most` samples whose rows, one slice after the other, are the rows of the whole."""
         d = self.decimator
         rows_at_once = max(1, most // d.step)
         for lo, hi in itertools.pairwise(self.starts):
@@ -94,7 +93,7 @@ class Measurement:
                 yield slice(int(start), int(start + (rows - 1) * d.step + len(d.taps)))
 
     def by_stretch(self, of: Callable[..., np.ndarray], *x: np.ndarray) -> np.ndarray:
-        """of(samples of a stretch) for arrays x (N, ...), one stretch after the other."""
+        """`of` applied to arrays x (N, ...) stretch by stretch, concatenated."""
         return by_stretch(self.starts, of, *x)
 
     def rows(self, x: np.ndarray) -> np.ndarray:
@@ -111,7 +110,7 @@ class Measurement:
 
     @cached_property
     def _difference(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """(N,) weights, 1/s, of the sample before, of its own and of the one after it, as numpy.gradient has them."""
+        """(N,) weights, 1/s, of the previous, the own and the next sample, as in numpy.gradient."""
         before, own, after = np.zeros((3, len(self.trajectory.t)))
         for lo, hi in itertools.pairwise(self.starts):
             step = np.diff(self.trajectory.t[lo:hi])
@@ -126,17 +125,17 @@ class Measurement:
 
     @cached_property
     def row_samples(self) -> np.ndarray:
-        """(R,) the sample in the middle of every row's window."""
+        """(R,) index of the sample in the middle of each row's window."""
         return np.concatenate([lo + self.decimator.centres(hi - lo) for lo, hi in itertools.pairwise(self.starts)])
 
     @cached_property
     def row_usable(self) -> np.ndarray:
-        """(R, n) rows to which no unusable sample contributes."""
+        """(R, n) rows to which unusable samples contribute next to nothing (Decimator.clean_rows)."""
         return self.by_stretch(self.decimator.clean_rows, self.usable)
 
     @cached_property
     def row_moving(self) -> np.ndarray:
-        """(R,) rows between the first and the last motion of any joint, reversals and standing joints and all."""
+        """(R,) rows between the first and the last motion of any joint, including reversals and standing joints."""
         out = self.by_stretch(self.decimator.clean_rows, self.inside)
         moving = np.flatnonzero(self.row_usable.any(axis=1))
         out[: moving[0] if len(moving) else len(out)] = False
@@ -145,7 +144,7 @@ class Measurement:
 
     @cached_property
     def row_doubt(self) -> np.ndarray:
-        """(R, n) (N m)^2: what bridged gaps add to the variance of every row."""
+        """(R, n) (N m)^2: variance that bridged gaps add to each row."""
         if self.doubt is None:
             return np.zeros((len(self.row_samples), self.n))
         return self.by_stretch(self.decimator.variance_of, self.doubt)
@@ -158,24 +157,24 @@ class Measurement:
 
     @cached_property
     def row_stretch(self) -> np.ndarray:
-        """(R,) which stretch a row belongs to; rows of different stretches are not neighbours in time."""
+        """(R,) stretch of each row; rows of different stretches are not neighbours in time."""
         return np.searchsorted(self.starts, self.row_samples, side="right") - 1
 
 
 def by_stretch(starts: Sequence[int] | np.ndarray, of: Callable[..., np.ndarray], *x: np.ndarray) -> np.ndarray:
-    """of(samples of a stretch) for arrays x (N, ...), one stretch after the other; starts (S+1,)."""
+    """`of` applied to arrays x (N, ...) stretch by stretch, concatenated; starts (S+1,)."""
     return np.concatenate([of(*(a[lo:hi] for a in x)) for lo, hi in itertools.pairwise(starts)])
 
 
 def prepare(
     log: Log, arm: Arm, cutoff: float | None = None, windows: Callable[[float], DerivativeFilter] | None = None
 ) -> Measurement:
-    """The measurement in a log of this arm; `cutoff` Hz of the common filter follows from the motion where it is not given.
+    """The measurement in a log of this arm; cutoff: Hz of the common filter, by default from the motion.
 
-    windows(rate) differentiate; those of the cutoff where none are given.
+    windows(rate): the derivative windows, by default from the cutoff.
 
-    ConfigError where the torque is unknown (no effort, and no torque constant in the arm); BadLog where time runs backwards, a value
-    is beyond what the arm can do, or too little is left.
+    ConfigError where a torque is unknown (current only, and the arm has no torque constant). BadLog where a joint has no effort
+    or current, joints do not match, time does not increase, a position is impossible, or too little is left.
     """
     name = log.path.name if log.path else "log"
     _check(log, arm, name)
@@ -198,8 +197,8 @@ def prepare(
     excluded = [Exclusion(None, "gaps and readings that are not finite", lost)] if lost > 0.5 / rate else []
     if len(t) < 2:
         raise BadLog(
-            f"{name}: no stretch without a gap is as long as {(2 * decimator.reach + smooth.size) / rate:.2f} s, which a filter "
-            f"of {cutoff:.3g} Hz needs; record for longer and without losses, or give a higher --cutoff"
+            f"{name}: no stretch without a gap lasts {(2 * decimator.reach + smooth.size) / rate:.2f} s, which a filter "
+            f"of {cutoff:.3g} Hz needs; record longer and without losses, or give a higher --cutoff"
         )
     of = [(q, 0), (speed, 0), (speed, 1)] if measured else [(q, 0), (steady, 1), (steady, 2)]
     q_s, dq, ddq = (by_stretch(starts, partial(smooth.derivative, order=k), x) for x, k in of)
@@ -232,12 +231,12 @@ def _check(log: Log, arm: Arm, name: str) -> None:
             f"{name}: joints {list(log.joint_names)}, {arm.name} has {list(arm.joint_names)}; read the log for this arm"
         )
     if len(log) < 16:
-        raise BadLog(f"{name}: {len(log)} samples; at least 16 are needed to differentiate; record a motion")
+        raise BadLog(f"{name}: {len(log)} samples, but at least 16 are needed to differentiate; record a motion")
     step = np.diff(log.t)
     if not np.all(step > 0):
         k = int(np.argmin(np.where(np.isfinite(step), step, -np.inf)))
         same = "two readings at one instant have no derivative; `calib import` leaves out the second one"
-        back = "it must increase; recover the log with `calib import`, which says what was lost"
+        back = "it must increase; recover the log with `calib import`, which reports what was lost"
         raise BadLog(
             f"{name}: sample {k + 1}: device time goes from {log.t[k]:.6f} to {log.t[k + 1]:.6f} s; {same if step[k] == 0 else back}"
         )

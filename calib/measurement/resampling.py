@@ -1,4 +1,4 @@
-"""Samples of a recording on uniform grids between its gaps, and what short gaps that were bridged leave in doubt."""
+"""Samples of a recording on uniform grids between its gaps, and the uncertainty that bridged short gaps leave."""
 
 from __future__ import annotations
 
@@ -8,20 +8,22 @@ import numpy as np
 
 from logs.bridging import bridging_error
 
-# samples, or s: over less, the cubic through a motion's neighbours is as good as a reading (10 Hz, 0.3 rad: 4e-7 rad over 10 ms)
+# samples, or s: over a shorter gap, the cubic through the neighbouring samples is as good as a reading (10 Hz, 0.3 rad: 4e-7
+# rad over 10 ms)
 GAP_STEPS, GAP_SECONDS = 3.5, 0.0101
-# samples on either side of an instant. Three follow a motion between coarse samples (7 Hz at 125 Hz: 5e-5 too small, by two 1e-3), but carry
-# more of the noise of the time stamps into the derivatives; from FINE Hz on two are as good (6e-5)
+# samples on either side of an instant. Three follow a motion better between coarse samples (7 Hz sampled at 125 Hz: 5e-5 too
+# small, with two 1e-3), but pass more time stamp noise into the derivatives; from FINE Hz on, two are as good (6e-5)
 BESIDE, BESIDE_FINE, FINE = 3, 2, 250.0
-MOST_LOST = 100  # samples in a row; a gap of GAP_SECONDS has more only above 10 kHz
+MOST_LOST = 100  # consecutive samples; a gap of GAP_SECONDS has more only above 10 kHz
 
 
 def resampled(
     t: np.ndarray, q: np.ndarray, tau: np.ndarray, rate: float, shortest: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, float]:
-    """Samples on grids of 1/rate between gaps: position by the polynomial through its neighbours, torque by the line through two.
+    """Samples on grids of 1/rate between gaps: t, q by a polynomial through its neighbours, tau by linear interpolation.
 
-    Stretches shorter than `shortest` samples are left out; the last value is the time lost, s.
+    Stretches shorter than `shortest` samples are left out. The last two values are the first sample of each stretch and the
+    time lost, s.
     """
     beside = BESIDE if rate < FINE else BESIDE_FINE
     edges = [0, *(np.flatnonzero(np.diff(t) > max(GAP_STEPS / rate, GAP_SECONDS)) + 1), len(t)]
@@ -42,10 +44,10 @@ def resampled(
 
 
 def bridging_doubt(t: np.ndarray, tau: np.ndarray, at: np.ndarray, rate: float) -> np.ndarray | None:
-    """(M, n) (N m)^2 at the instants `at`: g e_g^2 where g samples in a row were lost, 0 elsewhere; None where none was.
+    """(M, n) (N m)^2 at the instants `at`: g e_g^2 where g consecutive samples were lost, 0 elsewhere; None where none was.
 
-    e_g is the error of bridging g samples that are there, whose own noise is in it. The error is one and the same over a gap: g samples
-    that count as independent need g times its variance to add up to it.
+    e_g is the error of bridging g samples that were recorded, including their own noise. It is the same error over the whole
+    gap, so samples that count as independent need g times its variance each.
     """
     lost = np.rint(np.diff(t) * rate).astype(int) - 1
     lost[lost > MOST_LOST] = 0
@@ -53,7 +55,7 @@ def bridging_doubt(t: np.ndarray, tau: np.ndarray, at: np.ndarray, rate: float) 
         return None
     known = np.isfinite(tau).all(axis=1)
     error = bridging_error(t[known], {"tau": tau[known]}, np.zeros(int(known.sum()), dtype=bool), int(lost.max()), False)["tau"]
-    # a gap wider than any stretch without one is no surer than one sample, and no surer than the widest that could be tried
+    # a gap is no more certain than a shorter one; one too wide to be tried, no more than the widest that could be
     error = np.maximum.accumulate(np.where(np.isfinite(error), error, 0.0), axis=0)
     step = np.clip(np.searchsorted(t, at, side="right") - 1, 0, len(lost) - 1)
     g = np.where((at > t[step] + 0.01 / rate) & (at < t[step + 1] - 0.01 / rate), lost[step], 0)
@@ -61,7 +63,7 @@ def bridging_doubt(t: np.ndarray, tau: np.ndarray, at: np.ndarray, rate: float) 
 
 
 def _interpolated(t: np.ndarray, x: np.ndarray, at: np.ndarray, beside: int) -> np.ndarray:
-    """Lagrange's polynomial through `beside` samples before and as many after each instant of `at`; x (N, n)."""
+    """Lagrange polynomial through `beside` samples before and after each instant of `at`; x (N, n)."""
     first = np.clip(np.searchsorted(t, at, side="right") - beside, 0, len(t) - 2 * beside)
     nodes = [t[first + i] for i in range(2 * beside)]
     out = np.zeros((len(at), x.shape[1]))

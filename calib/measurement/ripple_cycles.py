@@ -1,4 +1,4 @@
-"""How many cycles in a turn the ripple of a gear has: a scan of what a joint's model leaves, along the joint's angle."""
+"""Cycles per turn of a gear ripple, from a scan of a joint's residual along its angle."""
 
 from __future__ import annotations
 
@@ -10,21 +10,23 @@ from scipy.signal import freqz
 from calib.measurement.filtering import Decimator
 from sim.effects.gear_ripple import FEWEST
 
-# cycles in a turn; faster ripple is beyond the filter at any speed that shows friction
+# cycles per turn; at any speed that shows friction, the filter removes faster ripple
 MOST = 260.0
-# Fall of -2 log likelihood from which there is a ripple. Noise alone reaches 30 at one joint of ten thousand: some 300 numbers of cycles are
-# tried, each passes with exp(-15). A missing effect leaves something at every number of cycles: a ripple stands so many times over their
-# median (on the real UR10e 19 to 320 times).
+# Fall of -2 log likelihood from which a ripple is accepted. Noise alone reaches 30 at one joint in ten thousand: about 300
+# numbers of cycles are tried, and each passes with probability exp(-15). A missing effect raises every number of cycles, so a
+# ripple must also exceed OVER_MEDIAN times their median (on the real UR10e, 19 to 320 times).
 LEAST_GAIN, OVER_MEDIAN = 30.0, 6.0
-# The scan's step: at most so many cycles, and this share of what the whole range of motion turns once (a peak is 2 pi over the range wide).
+# Step of the scan, cycles per turn: at most COARSEST, and at most OF_WIDTH over the range of motion in rad (a peak is 2 pi over
+# the range wide).
 COARSEST, OF_WIDTH = 2.0, 1.5
-# the scan neglects changes of speed: what it finds is worth an exact look from this share of the least gain on, at these parts of a step
+# The scan neglects changes of speed: its peak is examined exactly from this share of the least gain on, at these fractions of a
+# step.
 SCANNED, NEAR = 0.5, (-0.6, -0.3, 0.0, 0.3, 0.6)
-CHUNK = 64  # numbers of cycles at a time, for memory
+CHUNK = 64  # numbers of cycles at a time, to limit memory
 
 
 def waves(cycles: float, angle: np.ndarray) -> np.ndarray:
-    """(N, 2) sine and cosine of so many cycles in a turn, along a joint's angle (N,) rad."""
+    """(N, 2) sine and cosine with `cycles` per turn along a joint's angle (N,) rad."""
     return np.stack((np.sin(cycles * angle), np.cos(cycles * angle)), axis=1)
 
 
@@ -36,10 +38,10 @@ def ripple_cycles(
     gain: Callable[[float], float],
     whitened: Callable[[np.ndarray], np.ndarray] = lambda x: x,
 ) -> float | None:
-    """Cycles in a turn of the strongest ripple of a joint, None where none stands out.
+    """Cycles per turn of a joint's strongest ripple; None where none stands out.
 
-    left (R,): rows of what its model leaves, with unit noise; q, dq (R,): angle and speed in the middle of each row; whitened: what `left`
-    had done to it, for columns (R, K); gain: fall of -2 log likelihood by a ripple of so many cycles beside the model, exactly.
+    left (R,): residual rows with unit noise. q, dq (R,): angle and speed in the middle of each row. whitened: for columns (R,
+    K), the filter that `left` has passed. gain(cycles): exact fall of -2 log likelihood when this ripple joins the model.
     """
     span = float(np.ptp(q)) if len(q) else 0.0
     if span * FEWEST < 2 * np.pi:

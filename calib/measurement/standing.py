@@ -1,10 +1,12 @@
-"""Pushes against an arm that stands: its drives answer with more torque than dry friction can hide, and nothing moves.
+"""Pushes against a standing arm: its drives report a larger change of torque than dry friction can hide, and nothing moves.
 
-A joint that holds still passes on its load give or take its dry friction F, so without an external torque the reported torque stays
-within a band of width 2 F, F with all that the arm's model has of it at this load (sim.feedforward.dry_friction). A change from the level of before by more than 2 F, while the joint stays where it is, is therefore a push on
-the arm, whatever the model of its inertias: S. Haddadin, A. De Luca, A. Albu-Schaffer (2017), doi:10.1109/TRO.2017.2723903, section II.
+The drive of a standing joint carries the load, give or take the dry friction F. Without an external torque, the reported torque
+therefore stays within a band of width 2 F; F is all dry friction of the arm's model at this load
+(sim.feedforward.dry_friction). A change of more than 2 F from the previous level while the joint stays in place is a push on
+the arm, whatever the model of its inertias: S. Haddadin, A. De Luca, A. Albu-Schaffer (2017), doi:10.1109/TRO.2017.2723903,
+section II.
 
-A weight put on the flange does the same. Where a weight explains the change, it is a push only if it is over within LIFTED.
+A weight put on the flange does the same. A change that a weight explains counts as a push only if it is over within LIFTED.
 """
 
 from __future__ import annotations
@@ -19,23 +21,23 @@ from sim.arm import Arm
 from sim.feedforward import dry_friction
 from sim.rigid_body import RigidBody
 
-GAP = 0.2  # s without a sample: those before and after do not belong together
-MOVED = 0.01  # rad: further than that from where it came to rest, a joint moves
-SETTLING = 0.5  # s after a motion, or after a push, in which a controller still moves its torque
-LEVEL = 0.5  # s over which the level is taken first
-FOLLOWS = 2.0  # s with which the level then follows; integrators and warming are slower
-CERTAIN = 0.15  # s that a torque must stay outside: a motion that begins has left its place by then
-LIFTED = 5.0  # s: what lasts longer may be a load, which the next motion shows
-CALM = 0.3  # s inside after which a push is over
-HIDDEN = 1.25  # of 2 F: friction at rest is that much above friction in motion, and a fit of it is uncertain
-UNSURE = 2.0  # standard deviations by which the dry friction may be more than the arm states
-QUIET = 0.25  # of F: the last time that no torque was further off, a push began
+GAP = 0.2  # s without a sample after which the state is discarded
+MOVED = 0.01  # rad from where it came to rest, beyond which a joint counts as moving
+SETTLING = 0.5  # s after a motion or a push in which a controller still changes its torque
+LEVEL = 0.5  # s over which the level is averaged first
+FOLLOWS = 2.0  # s, time constant with which the level then follows; integrators and warming are slower
+CERTAIN = 0.15  # s that a torque must stay outside the band; an arm that starts to move has left its place by then
+LIFTED = 5.0  # s: a longer change may be a load, which the next motion shows
+CALM = 0.3  # s inside the band after which a push is over
+HIDDEN = 1.25  # of 2 F: friction at rest exceeds friction in motion by this factor, and its fit is uncertain
+UNSURE = 2.0  # standard deviations by which dry friction may exceed what the arm states
+QUIET = 0.25  # of F: a push began when all torques were last this close to the level
 NOISE = 6.0  # standard deviations of a sample's noise
 
 
 @dataclass(frozen=True)
 class Push:
-    """A push: when it began and ended (s; end NaN while it lasts), torque (n,) N m that the drives added at most, and its doubt (n,)."""
+    """A push: start and end (s; end NaN while it lasts), largest torque (n,) N m that drives added, and its doubt (n,) N m."""
 
     start: float
     end: float
@@ -44,12 +46,15 @@ class Push:
 
     @property
     def joint(self) -> int:
-        """The joint that shows it best."""
+        """The joint that shows the push most clearly."""
         return int(np.argmax(np.abs(self.torque) / self.doubt))
 
 
 class Standing:
-    """`add` takes every sample of an arm; it returns a push when it is certain, and again when it is over (one that may be a weight only then)."""
+    """Detector of pushes: `add` takes every sample of an arm and returns a push once it is certain, and again once it is over.
+
+    A push that may be a weight is returned only once it is over.
+    """
 
     def __init__(self, arm: Arm) -> None:
         self._arm = arm
@@ -63,11 +68,11 @@ class Standing:
         self._weight = False
 
     def forget(self) -> None:
-        """The samples to come do not belong to those before."""
+        """Discard the state: the next samples do not continue the previous ones."""
         self._rest = self._push = None
 
     def add(self, t: float, q: np.ndarray, tau: np.ndarray) -> Push | None:
-        """One sample: t s, q rad, tau (n,) N m of the drives."""
+        """Take one sample: t s, q (n,) rad, tau (n,) N m of the drives; return a push that is certain or over, else None."""
         if not self._known:
             return None
         if not t - self._last < GAP:
@@ -105,7 +110,10 @@ class Standing:
         return None
 
     def _over(self, end: float, t: float) -> Push | None:
-        """The push that lasted, if any; from t on the level is taken anew, for friction may hold the other way now."""
+        """The push that ended, None if there was none or if it was a weight for longer than LIFTED.
+
+        The level starts anew at t, because friction may now hold the other way.
+        """
         push, level = self._push, self._level
         self._push, self._level = None, _Level(t, self._arm.n)
         if push is None or (self._weight and end - push.start > LIFTED):
@@ -113,7 +121,7 @@ class Standing:
         return Push(push.start, end, level.peak, push.doubt)
 
     def _as_weight(self, q: np.ndarray, torque: np.ndarray, band: np.ndarray) -> bool:
-        """Whether a weight at the flange may change every joint's torque by that much, give or take its band."""
+        """Whether a weight at the flange could change every joint's torque by this much, within its band."""
         linear, _ = self._bodies.jacobian(q[None])
         per_kg = linear[0].T @ self._up
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -123,7 +131,7 @@ class Standing:
 
 
 class _Level:
-    """The torque (n,) N m that an arm stands with since a time, and the variance of a sample's noise."""
+    """Torque level (n,) N m of an arm that stands since a time, and the noise variance of a sample."""
 
     def __init__(self, since: float, n: int) -> None:
         self.since = self.quiet = self._last = since
@@ -133,7 +141,7 @@ class _Level:
         self._count = 0
 
     def follow(self, t: float, tau: np.ndarray) -> None:
-        """A mean at first, then a low-pass."""
+        """Update level and noise: a mean at first, then a low pass."""
         self._count += 1
         share = 1.0 / self._count
         if t - self.since > SETTLING + LEVEL:
@@ -141,12 +149,12 @@ class _Level:
         before, self._last, self._before = self._before, t, tau
         self.value = self.value + share * (tau - self.value)
         if self._count > 1:
-            # of neighbours' difference, which neither a slow drift nor the beginning of a push enlarges
+            # from differences of neighbours, which neither slow drift nor the start of a push enlarges
             self.noise = (1.0 - share) * self.noise + share * 0.5 * (tau - before) ** 2
 
 
 def pushes(arm: Arm, log: Log) -> list[Push]:
-    """Every push against the standing arm in a log; one that lasts to the end ends with it."""
+    """Every push against the standing arm in a log; one that lasts to the end of the log ends there."""
     standing, found = Standing(arm), []
     tau = joint_torque(log, arm)
     good = np.isfinite(tau).all(axis=1) & np.isfinite(log.q).all(axis=1)
@@ -164,7 +172,7 @@ def pushes(arm: Arm, log: Log) -> list[Push]:
 
 
 def break_away(arm: Arm, q: np.ndarray) -> np.ndarray:
-    """(n,) N m: the most that dry friction holds at rest in a pose; infinite where nobody knows of any, for then every torque may be friction."""
+    """(n,) N m: largest dry friction at rest in a pose; infinite if the arm states none, as any torque may then be friction."""
     zero = np.zeros((1, arm.n))
     held = dry_friction(arm, RigidBody(arm).inverse_dynamics(q[None], zero, zero)[0])
     return np.array(

@@ -1,9 +1,10 @@
-"""tau(t) = y(t - delay): how much later than the motion the torque channel arrives, down to a fraction of a sample.
+"""tau(t) = y(t - delay): delay of the torque channel behind the motion, to a fraction of a sample.
 
-y = Y theta is the torque along the measured motion: the arm's own gravity torque and inertial torque, each with a scale, rotor inertia,
-viscous and dry friction, offset. To first order y(t - delay) = y - delay dy/dt, so the delay is one more column beside Y; the torque is
-shifted by what was found and the rest is found again. Rows in which the joint turns round are left out: before it slides, dry friction
-lags behind the motion by itself. A delay that is left in looks like elasticity, or like viscous friction of the wrong sign.
+y = Y theta is the torque along the measured motion: the arm's own gravity and inertial torque, each with a scale, reflected
+inertia, viscous and dry friction, offset. To first order y(t - delay) = y - delay dy/dt, so the delay is one more column beside
+Y. The torque is shifted by the estimate, and the remaining delay is estimated again. Rows in which the joint reverses are left
+out, because dry friction itself lags the motion until the joint slides. An uncorrected delay looks like elasticity, or like
+viscous friction of the wrong sign.
 """
 
 from __future__ import annotations
@@ -19,8 +20,8 @@ from sim.arm import Arm
 from sim.errors import BadLog
 from sim.rigid_body import RigidBody
 
-CUTOFF = 20.0  # Hz: a delay shows in what is fast
-SLOW = 0.03  # rad/s: below it a joint may be about to turn round
+CUTOFF = 20.0  # Hz: a delay shows in fast motion
+SLOW = 0.03  # rad/s: a slower joint may be about to reverse
 ROUNDS = 5
 MOST = 0.05  # s
 BATCH_SECONDS = 1.0  # residuals are correlated for a fraction of this
@@ -32,8 +33,8 @@ class TorqueDelay:
     """Delay of the torque channel behind the motion channel, s, positive where torque is late.
 
     delay, std   over all joints, weighted
-    per_joint    (n,), NaN where a joint did not move enough
-    period       s, of the samples
+    per_joint    (n,) s, NaN where a joint did not move enough
+    period       s, sampling period
     """
 
     delay: float
@@ -43,7 +44,7 @@ class TorqueDelay:
 
     @property
     def significant(self) -> bool:
-        """Half a sample, or more, lies within three standard deviations of it, and no delay lies beyond five: a short log has few batches."""
+        """Whether the delay may reach half a sample (3 std) and is clearly nonzero (5 std, as a short log has few batches)."""
         return abs(self.delay) + 3 * self.std >= 0.5 * self.period and abs(self.delay) > 5 * self.std
 
 
@@ -96,7 +97,7 @@ def _of_joint(m: Measurement, j: int, model: np.ndarray) -> tuple[float, float]:
 
 
 def _factors(m: Measurement, samples: np.ndarray, use: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Of columns (N, k): a basis u (R, r) of their rows, the rows (R, k) per unit column, their inverse (k, r), and the columns' sizes (k,)."""
+    """For columns (N, k): basis u (R, r) of their rows; rows (R, k) of unit columns; their inverse (k, r) in u; sizes (k,)."""
     size = np.maximum(np.linalg.norm(samples, axis=0), 1e-300)
     rows = m.rows(samples / size)[use]
     u, s, vt = np.linalg.svd(rows, full_matrices=False)
@@ -105,7 +106,7 @@ def _factors(m: Measurement, samples: np.ndarray, use: np.ndarray) -> tuple[np.n
 
 
 def _ripple(m: Measurement, j: int, torque: np.ndarray, u: np.ndarray, use: np.ndarray) -> np.ndarray | None:
-    """(N, 2) sine and cosine of the ripple of the joint's gear in the residual of torque (R,) beside the basis u; None without one."""
+    """(N, 2) sine and cosine of the gear ripple in torque (R,) after the basis u is projected out; None without a ripple."""
     q, at = m.trajectory.q[:, j], m.row_samples[use]
     left = torque - u @ (u.T @ torque)
     left /= max(float(np.std(left)), 1e-300)
@@ -120,5 +121,5 @@ def _ripple(m: Measurement, j: int, torque: np.ndarray, u: np.ndarray, use: np.n
 
 
 def _earlier(m: Measurement, tau: np.ndarray, by: float) -> np.ndarray:
-    """tau(t + by) on the samples of every stretch."""
+    """(N,) tau(t + by), within every stretch."""
     return m.by_stretch(lambda t, x: np.interp(t + by, t, x), m.trajectory.t, tau)

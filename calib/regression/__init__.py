@@ -1,1 +1,1 @@
-"""What identification and diagnosis share of least squares: information in square-root form, the noise of rows, friction laws."""
+"""Least squares shared by identification and diagnosis: square-root information, row noise, friction laws."""

@@ -1,12 +1,12 @@
-"""tau_j = X_j theta + D_j a_j: a friction law for every joint beside the arm's other uncertain numbers, by empirical Bayes.
+"""tau_j = X_j theta + D_j a_j: a friction law per joint, fitted with the arm's other uncertain parameters by empirical Bayes.
 
-theta has the prior that is known of the arm. The coefficients of a joint's library of terms are a_jk ~ N(0, 1/alpha_jk) with alpha_jk
-chosen by maximum evidence, which leaves few of them large (M. Tipping 2001, Sparse Bayesian Learning and the Relevance Vector Machine,
-JMLR 1, 211-244, section 2.3). Which terms a joint gets at all is decided by prediction: each part of the recordings in turn is left out
-and predicted from the others (T. Hastie, R. Tibshirani, J. Friedman 2009, The Elements of Statistical Learning, section 7.10).
+theta has the arm's prior. The coefficients of a joint's library of terms are a_jk ~ N(0, 1/alpha_jk). The alpha_jk maximise the
+evidence, which leaves few coefficients large (M. Tipping 2001, Sparse Bayesian Learning and the Relevance Vector Machine, JMLR
+1, 211-244, section 2.3). Cross-validation decides which terms a joint gets: each part of the recordings is left out in turn and
+predicted from the others (T. Hastie, R. Tibshirani, J. Friedman 2009, The Elements of Statistical Learning, section 7.10).
 
-Rows are not whitened: on a real arm what is slow in the residual is the model's error and comes again. That neighbouring rows say much the
-same is counted by one factor for all joints, the integrated autocorrelation time of the residual.
+Rows are not filtered to white noise: on a real arm the slow part of the residual is model error and repeats. One factor for all
+joints, the integrated autocorrelation time of the residual, accounts for the correlation of neighbouring rows.
 """
 
 from __future__ import annotations
@@ -17,36 +17,36 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
-HELPS = 0.02  # share of a joint's error, predicted from the other parts, that a law must remove
-EXCEPT = 1  # of the parts
+HELPS = 0.02  # share of a joint's error on left-out parts that a law must remove
+EXCEPT = 1  # parts in which the error need not fall
 ROUNDS, LEAST_PRECISION, MOST_PRECISION = 24, 1e-10, 1e8
 LONGEST_MEMORY = 60  # rows
 MOST_CORRELATED = 30.0
-NEGLIGIBLE = 1e-3  # of the joint's residual: a term that contributes less is left out
-PARTS = 5  # of a single recording
+NEGLIGIBLE = 1e-3  # of the joint's residual: terms that contribute less are dropped
+PARTS = 5  # into which a single recording is cut
 TINY = 1e-9  # N m
-HELD = 1e12  # precision of a parameter that must not move
+HELD = 1e12  # precision of a fixed parameter
 
 
 @dataclass(frozen=True)
 class Part:
-    """One part of the recordings; per joint X (R_j, p), the library's columns D (R_j, k) and the torque to explain r (R_j,) N m."""
+    """One part of the recordings: per joint X (R_j, p), library columns D (R_j, k) and torque r (R_j,) N m to explain."""
 
     x: list[np.ndarray]
     d: list[np.ndarray]
     r: list[np.ndarray]
 
     def cut(self, parts: int) -> list[Part]:
-        """Pieces of equal length, one after the other."""
+        """Return consecutive pieces of equal length."""
         pieces = zip(*(zip(*(np.array_split(y, parts) for y in (x, d, r)), strict=True) for x, d, r in zip(self.x, self.d, self.r, strict=True)), strict=True)  # fmt: skip
         return [Part(*(list(column) for column in zip(*joints, strict=True))) for joints in pieces]
 
 
 @dataclass(frozen=True)
 class FrictionFit:
-    """theta (p,) and its covariance (p, p); coefficients per joint (k,), zero where a term is not used; plain and predicted (n,) N m: RMS error of parts left out.
+    """theta (p,) and its covariance (p, p); per joint the law's coefficients (k,), zero where a term is not used.
 
-    `plain` is without any law, `predicted` with the terms that each joint was given.
+    plain, predicted (n,) N m: RMS error on left-out parts, without any law and with the terms chosen for each joint.
     """
 
     theta: np.ndarray
@@ -57,7 +57,7 @@ class FrictionFit:
 
     @property
     def joints(self) -> list[int]:
-        """Those that have a law."""
+        """Joints that have a law."""
         return [j for j, a in enumerate(self.coefficients) if np.any(a)]
 
 
@@ -69,10 +69,10 @@ def fit_friction(
     only: Sequence[int] | None = None,
     held: int = 0,
 ) -> FrictionFit:
-    """The law of every joint (of `only` those) that predicts parts left out at least HELPS better than none.
+    """Per joint (of `only`, if given) the law that best predicts left-out parts, if it lowers their error by more than HELPS.
 
-    mean (p,) and precision (p, p): the prior of theta; sets: choices of the library's columns, each tried as a whole. The last
-    `held` of theta are fitted wherever a part is left out, and are zero in the solution.
+    mean (p,), precision (p, p): prior of theta. sets: candidate sets of library columns, each tried as a whole. The last `held`
+    entries of theta are free while parts are left out, and fixed to zero in the solution.
     """
     if len(parts) == 1:
         parts = parts[0].cut(PARTS)
@@ -85,11 +85,11 @@ def fit_friction(
         mask = np.isin(np.arange(problem.k), list(chosen))
         errors.append(problem.left_out([mask if j in requested else nothing[j] for j in range(n)]))
     best = np.argmin([_rms(problem, e) for e in errors], axis=0)
-    # a law at one joint may help another, which was not requested
+    # a law at one joint may also lower the error of a joint that was not requested
     worth = [j in requested and bool(best[j]) and _helps(problem, errors[0], errors[best[j]])[j] for j in range(n)]
     given = [np.isin(np.arange(problem.k), list(sets[best[j] - 1])) if worth[j] else nothing[j] for j in range(n)]
     predicted = problem.left_out(given) if any(worth) else errors[0]
-    # a law at one joint moves what the joints share; what it spoils elsewhere counts
+    # a law at one joint shifts the shared parameters, so errors at the other joints count too
     helps = _helps(problem, errors[0], predicted)
     dropped = [j for j in range(n) if given[j].any() and not helps[j]]
     if dropped:
@@ -101,8 +101,10 @@ def fit_friction(
 
 
 def left_out_error(parts: Sequence[Part], compared: Sequence[Part], mean: np.ndarray, precision: np.ndarray) -> np.ndarray:
-    """(n,) N m: RMS error of every part of `compared`, predicted without any law from the other parts of `parts`: the same recordings
-    under another filter."""
+    """(n,) N m: RMS error on `compared`, each part predicted without any law from the other parts of `parts`.
+
+    compared: the same recordings under another filter.
+    """
     if len(parts) == 1:
         parts, compared = parts[0].cut(PARTS), compared[0].cut(PARTS)
     n = len(parts[0].r)
@@ -122,14 +124,14 @@ def _rms(problem: _Problem, squares: np.ndarray) -> np.ndarray:
 
 
 def _helps(problem: _Problem, before: np.ndarray, after: np.ndarray) -> np.ndarray:
-    """(n,) whether the error falls by HELPS, and in all parts but EXCEPT of them."""
+    """(n,) whether the error falls by more than HELPS, and falls in all parts but at most EXCEPT."""
     clearly = _rms(problem, after) < (1 - HELPS) * _rms(problem, before)
     return np.asarray(clearly & ((after < before).sum(axis=0) >= len(before) - EXCEPT))
 
 
 @dataclass
 class _Problem:
-    """Sums of products of every part, so that any of them can be left out."""
+    """Sums of products per part, so that any part can be left out."""
 
     parts: list[Part]
     mean: np.ndarray
@@ -164,7 +166,7 @@ class _Problem:
         return int(self.parts[0].d[0].shape[1])
 
     def _memory(self, theta: np.ndarray) -> float:
-        """Rows that say what one independent row would: geometric mean over the joints."""
+        """Rows per independent row: autocorrelation time of the residual, geometric mean over the joints."""
         out = []
         for j in range(len(self.parts[0].r)):
             e = np.concatenate([p.r[j] - p.x[j] @ theta for p in self.parts])
@@ -175,14 +177,14 @@ class _Problem:
         return float(np.exp(np.mean(np.log(out))))
 
     def hold(self, count: int) -> None:
-        """From now on the last `count` of theta are zero."""
+        """Fix the last `count` entries of theta to zero from now on."""
         last = np.arange(self.p - count, self.p)
         self.mean, self.precision = self.mean.copy(), self.precision.copy()
         self.mean[last], self.precision[last, :], self.precision[:, last] = 0.0, 0.0, 0.0
         self.precision[last, last] = HELD
 
     def left_out(self, given: list[np.ndarray]) -> np.ndarray:
-        """(parts, n) sums of squares of every part's error, predicted from the others."""
+        """(parts, n) sums of squared errors of each part, predicted from the others."""
         squares = np.zeros((len(self.parts), len(given)))
         for i in range(len(self.parts)):
             theta, coefficients = self.solve(given, without=i)
@@ -192,7 +194,7 @@ class _Problem:
         return squares
 
     def solve(self, given: list[np.ndarray], without: int | None = None) -> tuple[np.ndarray, list[np.ndarray]]:
-        """theta (p,) and coefficients per joint (k,) with maximum evidence for the terms `given`."""
+        """theta (p,) and coefficients per joint (k,) of maximum evidence for the terms `given`; without: the left-out part."""
         n, p = len(given), self.p
         use = [i for i in range(len(self.parts)) if i != without]
         total = [sum((self.sums[i][j] for i in use[1:]), self.sums[use[0]][j]) for j in range(n)]
@@ -201,7 +203,7 @@ class _Problem:
         first = p + np.concatenate([[0], np.cumsum([len(t) for t in terms])])
         columns = [np.concatenate([np.arange(p), first[j] + np.arange(len(terms[j]))]) for j in range(n)]
         own = [np.concatenate([np.arange(p), p + terms[j]]) for j in range(n)]
-        # a joint whose torque reads exactly zero has a size all the same
+        # stays positive at a joint whose torque reads exactly zero
         size = np.array([max(float(np.sqrt(s[-1, -1] / r)), TINY) for s, r in zip(total, rows, strict=True)])
         alpha = np.concatenate([np.full(len(t), 1 / (0.03 * s) ** 2) for t, s in zip(terms, size, strict=True)])
         variance = np.maximum((0.1 * size) ** 2, 1e-12)

@@ -1,8 +1,8 @@
-"""R^T R = X^T X: everything that least squares asks of rows X (N, c), in c (c + 1) / 2 numbers and at the rows' own precision.
+"""R^T R = X^T X: all that least squares needs of rows X (N, c), in c (c + 1) / 2 numbers and at the precision of the rows.
 
-Rows join by R' = qr([R; X]), and so do the factors of rows that were seen elsewhere: sums of this kind come out the same in whatever
-order and in whatever portions the rows are taken, and their memory does not grow with N. Unlike X^T X, the factor does not square
-the condition number (A. Bjorck, Numerical Methods for Least Squares Problems, 1996, chapters 2.4 and 3.2).
+Rows are added by R' = qr([R; X]), and factors of other rows are merged in the same way. The result does not depend on the order
+or the portions in which rows are taken, and memory does not grow with N. Unlike X^T X, the factor does not square the condition
+number (A. Bjorck, Numerical Methods for Least Squares Problems, 1996, chapters 2.4 and 3.2).
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 
 @dataclass(frozen=True)
 class InformationMatrix:
-    """R (c, c), upper triangular with a diagonal that is not negative, and the number of rows that it stands for."""
+    """R (c, c), upper triangular with a non-negative diagonal, and the number of rows that it represents."""
 
     r: np.ndarray
     rows: int
@@ -32,14 +32,14 @@ class InformationMatrix:
 
     @staticmethod
     def merged(parts: Iterable[InformationMatrix]) -> InformationMatrix:
-        """All parts as one; they have the same columns and share no row."""
+        """All parts as one; they have the same columns and share no rows."""
         parts = list(parts)
         if len(parts) == 1:
             return parts[0]
         return InformationMatrix(_triangle(np.concatenate([p.r for p in parts])), sum(p.rows for p in parts))
 
     def with_rows(self, x: np.ndarray) -> InformationMatrix:
-        """Joined by further rows x (N, c)."""
+        """This information with further rows x (N, c) added."""
         return InformationMatrix(_triangle(np.concatenate([self.r, x])), self.rows + len(x)) if len(x) else self
 
     @property
@@ -56,17 +56,17 @@ JointInformation = tuple[InformationMatrix, ...]
 
 
 def merged_joints(parts: Sequence[JointInformation]) -> JointInformation:
-    """Per joint the rows of all parts, which share none."""
+    """Per joint the information of all parts, which share no rows."""
     return tuple(InformationMatrix.merged(of_joint) for of_joint in zip(*parts, strict=True))
 
 
 def to_arrays(name: str, joints: JointInformation) -> dict[str, np.ndarray]:
-    """Everything under names that begin with `name`, to be kept in a file."""
+    """Arrays under names that begin with `name`, for storage in a file."""
     return {f"{name}_{j}": x.r for j, x in enumerate(joints)} | {f"{name}_rows": np.array([x.rows for x in joints])}
 
 
 def of_arrays(name: str, arrays: Mapping[str, np.ndarray]) -> JointInformation:
-    """What `to_arrays` was given."""
+    """The inverse of `to_arrays`."""
     return tuple(InformationMatrix(arrays[f"{name}_{j}"], int(rows)) for j, rows in enumerate(arrays[f"{name}_rows"]))
 
 

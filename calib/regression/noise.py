@@ -1,11 +1,11 @@
-"""e_t = sum_k ar_k e_{t-k} + w_t: the noise of each joint's rows, autoregressive, of an order that the rows choose.
+"""e_t = sum_k ar_k e_{t-k} + w_t: autoregressive noise of each joint's rows, with the order chosen from the rows.
 
-Rows are whitened from the first one of a stretch on: one that has d predecessors is predicted from these d as well as they allow
-(Durbin and Levinson's recursion; P. J. Brockwell, R. A. Davis, Time Series: Theory and Methods, 2nd ed. 1991, section 5.2). The order is
-the one of least AICC, n log v + 2 (k + 1) n / (n - k - 2) (section 9.3 there; C. Hurvich, C.-L. Tsai, Biometrika 76(2), 1989).
+The whitening filter starts at the first row of a stretch: a row with d predecessors is predicted optimally from these d
+(Durbin-Levinson recursion; P. J. Brockwell, R. A. Davis, Time Series: Theory and Methods, 2nd ed. 1991, section 5.2). The order
+minimises AICC, n log v + 2 (k + 1) n / (n - k - 2) (section 9.3 there; C. Hurvich, C.-L. Tsai, Biometrika 76(2), 1989).
 
-A fit takes up part of the noise, most of it where its columns are slow, and its residual shows too little of just that part. What it
-takes up is given back from simulated noise that goes through the same fit.
+A fit absorbs part of the noise, most of it where its columns are slow, so its residual understates the noise there. The
+absorbed part is added back, estimated from simulated noise that passes through the same fit.
 """
 
 from __future__ import annotations
@@ -20,19 +20,19 @@ from scipy.signal import lfilter
 from logs.normal import OF_MEDIAN
 
 MOST_ORDER = 4
-SETTLE = 40  # rows until a simulated series has forgotten that it began at zero
-ROUNDS = 4  # of giving back
+SETTLE = 40  # rows until a simulated series has forgotten its start at zero
+ROUNDS = 4  # of `given_back`
 LEAST_ROWS = 8
-CLIP = 3.0  # robust standard deviations: a few reversals do not widen the noise
+CLIP = 3.0  # robust standard deviations, so that a few reversals do not inflate the noise
 LARGEST_POLE = 0.98
 SMALLEST = 1e-9  # N m
 
 
 @dataclass(frozen=True)
 class Noise:
-    """sigma (n,) N m of e and ar (n, k), zeros beyond a joint's order.
+    """sigma (n,) N m of e, and ar (n, k), zero beyond a joint's order.
 
-    bound: whether sigma holds errors of a model too, so that it is only an upper bound of the noise.
+    bound: whether sigma also contains model error, so that it is only an upper bound on the noise.
     """
 
     sigma: np.ndarray
@@ -41,12 +41,12 @@ class Noise:
 
     @staticmethod
     def of_innovations(drive: np.ndarray, ar: np.ndarray) -> Noise:
-        """From drive (n,) N m, the standard deviation of w."""
+        """Noise from drive (n,) N m, the standard deviation of w."""
         return Noise(drive / np.sqrt([_steps(a)[-1][1] for a in ar]), ar)
 
     @staticmethod
     def white(sigma: np.ndarray) -> Noise:
-        """Of rows that have nothing to do with each other."""
+        """Noise of uncorrelated rows."""
         return Noise(sigma, np.zeros((len(sigma), 1)))
 
     @property
@@ -56,17 +56,17 @@ class Noise:
 
     @property
     def lag_one(self) -> np.ndarray:
-        """(n,) correlation of a row with the one before."""
+        """(n,) correlation of a row with the previous one."""
         return np.array([steps[1][0][0] if len(steps := _steps(a)) > 1 else 0.0 for a in self.ar])
 
     @property
     def slow(self) -> np.ndarray:
-        """(n,) N m: what white noise would need as its standard deviation to be as strong at low frequency."""
+        """(n,) N m: standard deviation of the white noise that is as strong at low frequency."""
         return np.asarray(self.drive / (1 - self.ar.sum(axis=1)))
 
     @cached_property
     def _predictors(self) -> list[np.ndarray]:
-        """Per joint (k + 1, k + 1): the taps of a row with 0 to k predecessors, over its standard deviation."""
+        """Per joint (k + 1, k + 1): whitening taps of a row with 0 to k predecessors, over the std of its innovation."""
         out = []
         for a, sigma in zip(self.ar, self.sigma, strict=True):
             steps = _steps(a)
@@ -77,7 +77,7 @@ class Noise:
         return out
 
     def taps(self, j: int, joined: np.ndarray, doubt: np.ndarray | None = None) -> np.ndarray:
-        """(R, k + 1): row t of joint j is whitened as sum_l taps[t, l] x[t - l]; doubt (R,) (N m)^2 adds to the variance of single rows."""
+        """(R, k + 1): white row t of joint j is sum_l taps[t, l] x[t - l]; doubt (R,) (N m)^2 adds to the variance of rows."""
         predictors = self._predictors[j]
         taps = predictors[depth(joined, len(predictors) - 1)]
         if doubt is None or not doubt.any():
@@ -103,12 +103,12 @@ class Noise:
 
 
 def neighbours(index: np.ndarray, stretch: np.ndarray) -> np.ndarray:
-    """(R,) whether the one before is the neighbour in time, of rows `index` that lie in stretches (R,) without a gap."""
+    """(R,) whether the previous of the rows `index` is also previous in time; stretch (R,): gap-free stretch of each."""
     return np.concatenate([[False], (np.diff(index) == 1) & (np.diff(stretch) == 0)])[: len(index)]
 
 
 def depth(joined: np.ndarray, most: int) -> np.ndarray:
-    """(R,) how many rows lie before each without a break, at most `most`; joined (R,): whether the row before is the neighbour in time."""
+    """(R,) rows before each without a break, at most `most`; joined (R,): whether the previous row is the neighbour in time."""
     out, near = np.zeros(len(joined), dtype=int), np.ones(len(joined), dtype=bool)
     for _ in range(most):
         near = np.r_[False, near[:-1]][: len(joined)] & joined
@@ -126,7 +126,7 @@ def filtered(taps: np.ndarray, x: np.ndarray) -> np.ndarray:
 
 
 def noise_of(residuals: Sequence[np.ndarray], joined: Sequence[np.ndarray], most: int = MOST_ORDER) -> Noise:
-    """The noise of residuals (R,) per joint, as if the model that left them were right and took up nothing of it."""
+    """Noise of residuals (R,) per joint, assuming that the model is right and absorbed none of it."""
     r = np.array([covariances([e[:, None]], [x]) for e, x in zip(residuals, joined, strict=True)])
     return autoregressive(r, np.array([len(e) for e in residuals]), most)
 
@@ -134,9 +134,9 @@ def noise_of(residuals: Sequence[np.ndarray], joined: Sequence[np.ndarray], most
 def given_back(
     measured: np.ndarray, count: np.ndarray, passed: Callable[[Noise], tuple[np.ndarray, np.ndarray]], most: int = MOST_ORDER
 ) -> Noise:
-    """The noise whose residual has the covariances measured (n, k + 1), of count (n,) rows.
+    """Noise whose residual after the fit has the covariances measured (n, k + 1), from count (n,) rows.
 
-    passed(noise) draws series of it: their covariances before and after the fit, (n, k + 1) each.
+    passed(noise) simulates it and returns the covariances before and after the fit, (n, k + 1) each.
     """
     r = measured
     for _ in range(ROUNDS):
@@ -147,7 +147,7 @@ def given_back(
 
 
 def covariances(series: Sequence[np.ndarray], joined: Sequence[np.ndarray]) -> np.ndarray:
-    """(MOST_ORDER + 1,) mean products of a joint's series (R, draws) of several stretches with itself some rows later; outliers clipped."""
+    """(MOST_ORDER + 1,) mean lagged products of a joint's series (R, draws) each, not across breaks; outliers clipped."""
     size = [np.abs(e).ravel() for e in series]
     level = CLIP * OF_MEDIAN * float(np.median(np.concatenate(size))) if sum(map(len, size)) else 0.0
     product, pairs = np.zeros(MOST_ORDER + 1), np.zeros(MOST_ORDER + 1)
@@ -163,7 +163,7 @@ def covariances(series: Sequence[np.ndarray], joined: Sequence[np.ndarray]) -> n
 
 
 def autoregressive(r: np.ndarray, count: np.ndarray, most: int = MOST_ORDER) -> Noise:
-    """The noise of covariances r (n, MOST_ORDER + 1) from count (n,) rows; white where there is none."""
+    """Noise with covariances r (n, MOST_ORDER + 1) from count (n,) rows; white where there is no noise or too few rows."""
     ar, sigma = np.zeros((len(r), MOST_ORDER)), np.zeros(len(r))
     for j, (x, rows) in enumerate(zip(r, count, strict=True)):
         sigma[j] = max(float(np.sqrt(max(x[0], 0.0))), SMALLEST)
@@ -174,7 +174,7 @@ def autoregressive(r: np.ndarray, count: np.ndarray, most: int = MOST_ORDER) -> 
 
 
 def stable(ar: np.ndarray) -> np.ndarray:
-    """The coefficients with their poles within LARGEST_POLE: covariances over gaps need not be those of a series that stays finite."""
+    """The coefficients, shrunk to poles within LARGEST_POLE: covariances taken over gaps need not belong to a stable series."""
     largest = float(np.abs(np.roots(np.r_[1.0, -ar])).max(initial=0.0))
     return ar if largest <= LARGEST_POLE else ar * (LARGEST_POLE / largest) ** np.arange(1, len(ar) + 1)
 
@@ -188,11 +188,11 @@ def scale_and_lag_one(e: np.ndarray, joined: np.ndarray) -> tuple[float, float]:
 
 
 def _chosen(r: np.ndarray, count: int) -> np.ndarray:
-    """ar (k,) of the order of least AICC, from correlations r (MOST_ORDER + 1,) with r[0] = 1."""
+    """ar (k,) of the order with least AICC, from correlations r (MOST_ORDER + 1,) with r[0] = 1."""
     ar, share, best, least = np.zeros(0), 1.0, np.zeros(0), 2 * count / (count - 2)
     for k in range(1, len(r)):
         step = (r[k] - ar @ r[k - 1 : 0 : -1]) / share
-        if not abs(step) < 1.0:  # no covariances of a stationary series
+        if not abs(step) < 1.0:  # not the covariances of a stationary series
             break
         ar = np.r_[ar - step * ar[::-1], step]
         share *= 1.0 - step**2
@@ -203,7 +203,7 @@ def _chosen(r: np.ndarray, count: int) -> np.ndarray:
 
 
 def _steps(ar: np.ndarray) -> list[tuple[np.ndarray, float]]:
-    """Predictors from 0, 1, ... k rows and the shares of the variance that they leave, of ar (k,) with zeros at its end left out."""
+    """Predictors from 0, 1, ... k rows and the share of the variance that each leaves, from ar (k,) without trailing zeros."""
     full = ar[: int(np.flatnonzero(ar).max(initial=-1)) + 1]
     kept = [full]
     while len(kept[0]):

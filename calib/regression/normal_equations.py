@@ -1,6 +1,7 @@
-"""(A^T A + P) theta = A^T b + P theta_0: what is known of parameters beside rows, the solution, and its covariance.
+"""(A^T A + P) theta = A^T b + P theta_0: prior, solution and covariance.
 
-Columns are scaled to one size before anything is solved or inverted (G. Golub, C. Van Loan, Matrix Computations, 4th ed. 2013, section 5.3.7).
+Columns are scaled to equal size before solving or inverting (G. Golub, C. Van Loan, Matrix Computations, 4th ed. 2013,
+section 5.3.7).
 """
 
 from __future__ import annotations
@@ -11,43 +12,43 @@ import numpy as np
 
 from calib.regression.information import InformationMatrix
 
-HOLDS = 4  # times that parameters are held at their bounds
+HOLDS = 4  # rounds in which parameters are held at their bounds
 
 
 @dataclass(frozen=True)
 class Prior:
-    """What was known before: mean (p,), precision (p, p); a zero precision carries no information."""
+    """Prior mean (p,) and precision (p, p); zero precision carries no information."""
 
     mean: np.ndarray
     precision: np.ndarray
 
     @staticmethod
     def none(p: int) -> Prior:
-        """No knowledge."""
+        """No information."""
         return Prior(np.zeros(p), np.zeros((p, p)))
 
 
 def combined(a: Prior, b: Prior) -> Prior:
-    """The two independent sources as one."""
+    """Two independent priors as one."""
     precision = a.precision + b.precision
     mean = np.linalg.lstsq(precision, a.precision @ a.mean + b.precision @ b.mean, rcond=None)[0]
     return Prior(mean, precision)
 
 
 def scaled_condition(r: np.ndarray) -> float:
-    """Of columns that are divided by their norms."""
+    """Condition number of columns divided by their norms."""
     norm = np.linalg.norm(r, axis=0)
     return condition(r / norm) if norm.all() else np.inf
 
 
 def condition(r: np.ndarray) -> float:
-    """Largest over least singular value, of columns as they are."""
+    """Largest over smallest singular value, columns as they are."""
     value = np.linalg.svd(r, compute_uv=False)
     return float(value[0] / value[-1]) if value[-1] > 1e-12 * value[0] else np.inf
 
 
 def solution_of(white: InformationMatrix, prior: Prior) -> np.ndarray:
-    """Least squares on the factor and the prior's own, columns scaled; what neither excites stays at zero."""
+    """Least squares on the factor and the prior's square root, columns scaled; directions that neither excites stay zero."""
     p = white.r.shape[1] - 1
     value, vector = np.linalg.eigh(prior.precision)
     root = np.sqrt(np.maximum(value, 0.0))[:, None] * vector.T
@@ -59,7 +60,7 @@ def solution_of(white: InformationMatrix, prior: Prior) -> np.ndarray:
 
 
 def bounded(information: np.ndarray, vector: np.ndarray, least: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """theta (p,) of information (p, p) and vector (p,), and its covariance (p, p); a parameter that would fall below `least` is held there."""
+    """theta (p,) and covariance (p, p) from information (p, p) and vector (p,); parameters are held at `least` from below."""
     p = len(vector)
     held, theta, covariance = np.zeros(p, dtype=bool), np.zeros(p), np.zeros((p, p))
     for _ in range(HOLDS):
@@ -76,19 +77,19 @@ def bounded(information: np.ndarray, vector: np.ndarray, least: np.ndarray) -> t
 
 
 def inverse_root(information: np.ndarray, least: float = 1e-12) -> np.ndarray:
-    """G (p, p), G G^T the inverse of the information after scaling; directions that have less than `least` of it count as having that."""
+    """G (p, p), G G^T the inverse of the information; eigenvalues of the scaled information are raised to at least `least`."""
     scale = 1 / np.sqrt(np.maximum(np.diag(information), 1e-300))
     value, vector = np.linalg.eigh(information * np.outer(scale, scale))
     return np.asarray(scale[:, None] * vector / np.sqrt(np.maximum(value, least)))
 
 
 def inverse(information: np.ndarray) -> np.ndarray:
-    """Inverse after scaling; directions without information get the variance 1e12 times the scale instead of a division by zero."""
+    """Inverse after scaling; directions without information get a scaled variance of 1e12 instead of a division by zero."""
     root = inverse_root(information)
     return np.asarray(root @ root.T)
 
 
 def wider(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """The correlation of `b` with, for every parameter, the larger variance of the two."""
+    """Covariance with the correlations of `b` and, for every parameter, the larger variance of `a` and `b`."""
     factor = np.sqrt(np.maximum(np.diag(a) / np.maximum(np.diag(b), 1e-300), 1.0))
     return b * np.outer(factor, factor)

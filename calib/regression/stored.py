@@ -1,4 +1,4 @@
-"""Arrays of pieces of recordings in a folder, so that work that was done is not done again."""
+"""Stored arrays of pieces of recordings, so that finished work is not repeated."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from logs.log import Log
 
 
 class Kept:
-    """Arrays in a folder, one file a piece, whole or not there at all; `context` is a digest of everything that they depend on."""
+    """Arrays in a folder, one file per piece, complete or absent; `context` is a digest of everything that they depend on."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
 
     def get(self, context: str, piece: str) -> dict[str, np.ndarray] | None:
-        """What was kept of a piece by name, or None where it was never finished."""
+        """Arrays of a piece by name, or None if it was never finished."""
         file = self._file(context, piece)
         if not file.is_file():
             return None
@@ -26,7 +26,7 @@ class Kept:
             return {key: stored[key] for key in stored.files}
 
     def put(self, context: str, piece: str, arrays: dict[str, np.ndarray]) -> None:
-        """Keep arrays by name."""
+        """Store the arrays of a piece by name."""
         self.folder.mkdir(parents=True, exist_ok=True)
         file = self._file(context, piece)
         draft = file.with_name(f".{os.getpid()}-{file.name}")
@@ -38,7 +38,7 @@ class Kept:
 
 
 def digest_of(log: Log) -> str:
-    """A digest of the samples that an identification or a diagnosis uses, wherever they are kept."""
+    """Digest of a log's file name, without its folder, and of the samples that an identification or a diagnosis uses."""
     digest = hashlib.blake2b(log.path.name.encode() if log.path else b"")
     for values in (log.t, log.q, log.dq, log.tau, log.current, log.temperature):
         digest.update(np.ascontiguousarray(values).data)

@@ -148,7 +148,7 @@ def test_a_matrix_is_named_once_and_speeds_are_guessed_by_their_positions(
 
 def test_options_for_tables_are_refused_elsewhere(csv_file: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["import", str(csv_file), "--rate", "100"]) == 2
-    assert "says itself what it holds" in capsys.readouterr().err
+    assert "states itself what it holds" in capsys.readouterr().err
 
 
 def test_a_rate_that_changes_is_reported_and_no_sample_missed(table_file: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -44,4 +44,4 @@ def test_a_joint_that_trembles_is_reported(ur5e: Arm) -> None:
     q = log.q.copy()
     q[:, 5] = 0.3 + 0.001 * np.sin(2 * np.pi * 6.0 * motion.t)
     found = identify(ur5e, [replace(log, q=q)], options=Options(cutoff=12.0))
-    assert any("wrist_3_joint changes direction so often" in sentence for sentence in found.result.findings)
+    assert any("wrist_3_joint: most rows are close to a reversal" in sentence for sentence in found.result.findings)

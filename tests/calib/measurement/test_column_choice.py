@@ -73,7 +73,7 @@ def test_what_is_stated_is_taken_for_nothing_else() -> None:
 def test_a_unit_that_an_option_leaves_out_is_that_of_the_name() -> None:
     found, doubts, complete = chosen(["t_ms", "pos_deg_1", "tau1"], "time=t_ms", "q=pos_deg_1")
     assert (found.time_unit, found.channels["q"].unit, complete) == ("ms", "deg", True)
-    assert "not taken: tau1" in doubts[0]
+    assert "unused columns: tau1" in doubts[0]
 
 
 def test_a_channel_that_does_not_fit_the_positions() -> None:

@@ -159,7 +159,7 @@ def test_a_diagnosis_finds_it_and_nothing_else(arm: Arm) -> None:
         p = entry["parameters"][f"force_{axis}"]
         assert abs(p["value"] - value) < 3 * p["std"]
     assert found.answer["claims"][0]["sentence"].startswith("Something touched the arm at ")
-    assert found.answer["claims"][0]["sentence"].endswith("no property of the arm")
+    assert found.answer["claims"][0]["sentence"].endswith("not a property of the arm")
     nothing = diagnose(arm, [standing(arm, np.zeros(3))])
     assert nothing.answer["verdict"] == "bad_data"
 

@@ -133,8 +133,8 @@ def test_an_uncertainty_of_another_arm_is_refused(ur5e: Arm, tmp_path: Path) -> 
     found.known.write(tmp_path / "arm", found.model)
     file = tmp_path / "arm" / FILE
     file.write_text(file.read_text().replace("mcx_2", "mcx_7"))
-    with pytest.raises(ConfigError, match="other parameters than ur5e has; identify the arm again"):
+    with pytest.raises(ConfigError, match="other parameters than ur5e; identify the arm again"):
         validate(arm, [recorded(ur5e, fourier_motion(ur5e, 1, seconds=5.0))])
     file.write_text("{")
-    with pytest.raises(ConfigError, match="is not what `calib identify` writes"):
+    with pytest.raises(ConfigError, match="not a file that `calib identify` wrote"):
         Known.of_arm(arm)
