@@ -1,4 +1,4 @@
-"""The only way to move: limits, collision, ruckig motions, clearance, monitor, guard."""
+"""The only way to move an arm: limits, collisions, Ruckig motions, clearance, monitor, guard."""
 
 from safety.approval import approval_of, approve, check_approval
 from safety.clear import ClearedTrajectory, Proof, clear

@@ -1,8 +1,8 @@
-"""From where the arm stands to where a motion begins, and from where it ends to rest: jerk-limited, by Ruckig (Berscheid, Kroeger
-2021, doi:10.15607/RSS.2021.XVII.015).
+"""Jerk-limited moves to where a motion begins, and to rest from where it ends, by Ruckig (Berscheid, Kroeger 2021,
+doi:10.15607/RSS.2021.XVII.015).
 
-Ruckig's community version does not enforce position limits and sends intermediate waypoints to a cloud service: waypoints are never
-set, and what it answers is a Trajectory like any other, which `clear` must prove before it is driven.
+Ruckig's community version does not enforce position limits and sends intermediate waypoints to a cloud service. Therefore
+waypoints are never set, and its result is a Trajectory like any other, which `clear` must verify before it is driven.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from sim.errors import SafetyStop
 from sim.finite import is_finite
 from sim.trajectory import Trajectory
 
-# Shares of the arm's limits that an approach may use, tried in this order; jerk is halved so that no knot needs more than its limit
+# Shares of the arm's limits for an approach, tried in this order; jerk is halved so that no knot needs more than its limit
 SHARES = (0.25, 0.1, 0.04)
 NEAR = 1e-5
 SAME = 1e-9
@@ -26,7 +26,7 @@ SAME = 1e-9
 
 @dataclass(frozen=True)
 class Joined:
-    """An approach, a motion and its way to rest as one Trajectory; the motion itself lasts from `begins` to `ends` s."""
+    """An approach, a motion and its stop as one Trajectory; the motion itself lasts from `begins` to `ends` s."""
 
     approach: Trajectory | None
     trajectory: Trajectory
@@ -35,9 +35,9 @@ class Joined:
 
 
 def joined(motion: Trajectory, q: np.ndarray, arm: Arm, rate: float, share: float) -> Joined:
-    """`motion` with an approach from rest at q (n,) rad before it and, where it ends in motion, a stop after it.
+    """`motion` with an approach from rest at q (n,) rad before it and, if it does not end at rest, a stop after it.
 
-    The approach takes a whole number of periods, so that the motion's samples are sent as they were planned.
+    The approach takes a whole number of periods, so that the motion's samples are sent as planned.
     """
     _require_posture(q, arm)
     approach = None if _same(q, motion) else _approach(q, motion, arm, rate, share)
@@ -49,7 +49,7 @@ def joined(motion: Trajectory, q: np.ndarray, arm: Arm, rate: float, share: floa
 
 
 def move(q_from: np.ndarray, q_to: np.ndarray, arm: Arm, rate: float, share: float) -> Trajectory:
-    """From rest at q_from (n,) rad to rest at q_to (n,) rad, in a straight line of joint angles."""
+    """From rest at q_from (n,) rad to rest at q_to (n,) rad, along a straight line of joint angles."""
     for q in (q_from, q_to):
         _require_posture(q, arm)
     zero = np.zeros((2, arm.n))
@@ -59,7 +59,7 @@ def move(q_from: np.ndarray, q_to: np.ndarray, arm: Arm, rate: float, share: flo
 
 def _require_posture(q: np.ndarray, arm: Arm) -> None:
     if not is_finite(q, arm.n):
-        raise SafetyStop(f"posture {q!r} is not {arm.n} finite numbers; no way leads there")
+        raise SafetyStop(f"posture {q!r} is not {arm.n} finite numbers; no move leads there")
 
 
 def _same(q: np.ndarray, motion: Trajectory) -> bool:
@@ -106,7 +106,7 @@ def _calculated(wanted: InputParameter, n: int) -> RuckigTrajectory:
 def _knots(
     found: RuckigTrajectory, ends: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray] | None, duration: float | None
 ) -> Trajectory:
-    """Ruckig's answer at every instant at which a joint's jerk changes: between two of them it is a cubic, and so exact here."""
+    """Ruckig's result at every instant at which a joint's jerk changes; between two of them it is a cubic, so this is exact."""
     instants = [0.0, found.duration]
     for profile in found.profiles[0]:
         begin = float(profile.brake.duration)
@@ -127,7 +127,7 @@ def _knots(
 
 
 def _concatenated(parts: list[Trajectory]) -> Trajectory:
-    """One after another; each begins with the sample that ends the one before, bit for bit that of the later one."""
+    """The parts in sequence. Where two meet, the last sample of the earlier one stands for the first of the later one."""
     t, rows, now = [parts[0].t - parts[0].t[0]], [parts[0]], parts[0].duration
     for part in parts[1:]:
         t.append(part.t[1:] - part.t[0] + now)

@@ -1,4 +1,4 @@
-"""An approval says who allowed which plan to move which arm in which cell, and until when."""
+"""An approval states who allowed which plan to move which arm in which cell, and until when."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ FILE = "approval.toml"
 
 
 class Approval(BaseModel):
-    """The schema of approval.toml: `manifest` is all of what was approved, field by field."""
+    """Schema of approval.toml; `manifest` holds everything that was approved, field by field."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -34,13 +34,13 @@ class Approval(BaseModel):
 
 
 def approve(plan: Plan, arm: Arm, cell: Cell, approved_by: str, now: datetime, hours: float = APPROVAL_HOURS) -> Approval:
-    """Write approval.toml beside plan.toml; replaces an older approval. The caller has cleared every motion and asked the operator."""
+    """Write approval.toml beside plan.toml, replacing any older one. The caller has cleared all motions and asked a person."""
     approval = {
         "schema": "approval/2", "approved_by": approved_by, "approved_at": now.astimezone(UTC).replace(microsecond=0),
         "hours": float(hours), "manifest": manifest_of(plan, arm, cell),
     }  # fmt: skip
     checked = validated(Approval, approval, plan.folder / FILE)
-    part = plan.folder / f"{FILE}.part"  # on a full disk what stood there must stay
+    part = plan.folder / f"{FILE}.part"  # a full disk must not destroy the older approval
     try:
         part.write_bytes(sealed(tomli_w.dumps(approval)))
         part.replace(plan.folder / FILE)
@@ -50,7 +50,7 @@ def approve(plan: Plan, arm: Arm, cell: Cell, approved_by: str, now: datetime, h
 
 
 def approval_of(plan: Plan) -> Approval | None:
-    """The approval in the plan's folder, None where there is none; SafetyStop where it was changed."""
+    """The approval in the plan's folder, or None; SafetyStop if it was changed."""
     file = plan.folder / FILE
     if not file.exists() and not file.is_symlink():
         return None

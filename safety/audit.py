@@ -1,7 +1,7 @@
-"""Who approved what, what was run, and why it stopped: lines of JSON that are only ever added, each holding the hash of the last.
+"""Audit trail: who approved what, what ran and why it stopped. Append-only lines of JSON, each with the previous one's hash.
 
-One changed, removed or inserted byte breaks the chain at that line; `verify` says which. What a chain cannot show is the removal of
-its last lines, so each line also counts.
+One changed, removed or inserted byte breaks the chain at that line, which `verify` names. A chain cannot show the removal of
+its last lines, so each line also has a number.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ FIELDS = {"number": int, "at": str, "event": str, "facts": dict, "previous": str
 
 
 def record(file: Path, event: str, now: datetime | None = None, **facts: Any) -> None:
-    """Add one line and see it on the disk before returning; SafetyStop where the file's chain is broken already."""
+    """Append one line and sync it to disk. SafetyStop if the last line is damaged, ConfigError if writing fails."""
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
         with open(file, "a+b") as stream:
@@ -41,7 +41,7 @@ def record(file: Path, event: str, now: datetime | None = None, **facts: Any) ->
 
 
 def _plain(x: Any) -> Any:
-    """`x` with words for the numbers that JSON does not have, and no word beyond LONGEST_WORDS: a stop for a NaN must be recorded too."""
+    """`x` with non-finite numbers as text, and texts cut to LONGEST_WORDS: a stop because of a NaN must be recorded too."""
     if isinstance(x, dict):
         return {key: _plain(value) for key, value in x.items()}
     if isinstance(x, list | tuple):
@@ -52,9 +52,9 @@ def _plain(x: Any) -> Any:
 
 
 def verify(file: Path) -> list[dict[str, Any]]:
-    """Every entry of an unbroken trail, oldest first; SafetyStop names the first line that does not fit, [] where there is no file.
+    """Every entry of an unbroken trail, oldest first; [] without a file. SafetyStop names the first line that does not fit.
 
-    A line that is being written is waited for: half of it is no sign of a change.
+    Waits for a line that is being written, since half a line would look like a change.
     """
     if not file.exists():
         return []
@@ -77,7 +77,7 @@ def verify(file: Path) -> list[dict[str, Any]]:
 
 
 def _last(file: Path, stream: BinaryIO) -> tuple[int, str]:
-    """Number and hash of the last line, which alone is read: a trail grows for years."""
+    """Number and hash of the last line. Nothing else is read, because a trail grows for years."""
     size = stream.seek(0, os.SEEK_END)
     if not size:
         return 0, FIRST
@@ -90,15 +90,17 @@ def _last(file: Path, stream: BinaryIO) -> tuple[int, str]:
 
 
 def _entry(where: str, line: bytes) -> dict[str, Any]:
-    """One line whose own hash is right; its text must be exactly what `record` writes. The hash is no secret, so anybody can make one."""
+    """One line as a dict; its hash must match and its fields be those that `record` writes, as anybody can compute a hash."""
     body, mark, tail = line.rpartition(b', "sha256": "')
     digest = hashlib.sha256(body + b"}").hexdigest()
     if not mark or tail != digest.encode() + b'"}' or len(line) > LONGEST:
-        raise SafetyStop(f"{where}: its hash does not fit its content; the trail was changed, keep it and begin a new one")
+        raise SafetyStop(f"{where}: its hash does not match its content; the trail was changed, keep it and begin a new one")
     try:
         entry = json.loads(body + b"}")
     except (ValueError, RecursionError):
         entry = None
     if not isinstance(entry, dict) or {key: type(value) for key, value in entry.items()} != FIELDS:
-        raise SafetyStop(f"{where}: is no entry with {', '.join(FIELDS)}; the trail was changed, keep it and begin a new one")
+        raise SafetyStop(
+            f"{where}: is not an entry with {', '.join(FIELDS)}; the trail was changed, keep it and begin a new one"
+        )
     return entry | {"sha256": digest}

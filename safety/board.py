@@ -1,6 +1,6 @@
-"""What the control process and the command process exchange: numbers and two sentences in shared memory, no lock to wait for.
+"""Shared memory between control process and command process: numbers and two sentences, without locks.
 
-Each value is written by one side only. The reason for a stop is written before the flag that says that there is one.
+Each value has one writer. The reason for a stop is written before the flag that announces it.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ SHOWN = ("q", "dq", "tau", "current", "temperature")
 
 
 class Board:
-    """Shared memory for an arm of n joints, made by the command process and handed to the control process when that is started.
+    """Shared memory for an arm of n joints, created by the command process and passed to the control process at its start.
 
     context: of `multiprocessing`, with its RawArray.
     """
@@ -32,7 +32,7 @@ class Board:
         self.beat()
 
     def beat(self) -> None:
-        """The command process lives."""
+        """Command process: sign of life."""
         self._numbers[BEAT_AT] = time.monotonic()
 
     def alive_within(self, seconds: float) -> bool:
@@ -40,17 +40,17 @@ class Board:
         return bool(time.monotonic() - self._numbers[BEAT_AT] <= seconds)
 
     def request_stop(self, reason: str) -> None:
-        """The first reason stays."""
+        """Request a stop; the first reason stays."""
         if not self._numbers[STOP_AT]:
             _write(self._reason, reason)
             self._numbers[STOP_AT] = 1.0
 
     def stop_requested(self) -> str | None:
-        """Why the command process wants a stop, or None."""
+        """Why the command process requests a stop, or None."""
         return _read(self._reason) if self._numbers[STOP_AT] else None
 
     def hold(self) -> None:
-        """The control process holds an arm that would drop without it."""
+        """Report that the control process holds an arm that would otherwise drop."""
         self._numbers[HELD_AT] = 1.0
 
     @property
@@ -58,7 +58,7 @@ class Board:
         return bool(self._numbers[HELD_AT])
 
     def let_go(self) -> None:
-        """Somebody supports the arm that is held."""
+        """Report that somebody supports the held arm."""
         self._numbers[LET_GO_AT] = 1.0
 
     @property
@@ -66,7 +66,7 @@ class Board:
         return bool(self._numbers[LET_GO_AT])
 
     def show(self, progress: RunProgress) -> None:
-        """Of a cycle only what changes in it, and its name at its beginning."""
+        """Publish the progress; the name of a motion only at its beginning."""
         numbers, cycle, p = self._numbers, progress.cycle, progress
         if cycle is None or cycle.k == 0:
             _write(self._what, p.what)
@@ -79,7 +79,7 @@ class Board:
             numbers[ARRAYS:] = np.concatenate([*shown, cycle.q_cmd]).tolist()
 
     def progress(self) -> RunProgress:
-        """What was shown last."""
+        """The progress published last."""
         numbers = self._numbers
         q, dq, tau, current, temperature, q_cmd = np.array(numbers[ARRAYS:]).reshape(-1, self._n)
         state = JointState(numbers[T_AT], numbers[T_AT], q, dq, tau, current, temperature)

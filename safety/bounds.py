@@ -1,8 +1,9 @@
-"""The torque of boxes of motion, for every parameter set of the arm's box and with every effect of its file: an interval, stage by stage.
+"""Torque interval of boxes of motion, for every parameter set of the arm's box and every effect of its file, stage by stage.
 
-For states within half-widths (w_q, w_v, w_a) of a box's centre, with the slopes of `safety.slopes` and M at the centre, links take
+For states within half-widths (w_q, w_v, w_a) of a box's centre, with the slopes of `safety.slopes` and M at the centre, the
+links take
   Y pi_0 +- (|Y| delta + |M| w_a + |dtau/dq| w_q + |dtau/ddq| w_v)
-and each effect bounds what it makes of that (`sim.effects.effect.Effect.bound`), with the doubt of its own parameters.
+and each effect bounds how it changes that (`sim.effects.effect.Effect.bound`), with the uncertainty of its own parameters.
 """
 
 from __future__ import annotations
@@ -25,17 +26,17 @@ from sim.torque_box import TorqueBox
 from sim.tree import KinematicTree
 
 UNBOUNDED = "effects-without-a-bound"
-# these three every arm has: what nobody stated of them is as large as in an ordinary drive (safety.parameters)
+# every arm has these three; unstated values are as large as in an ordinary drive (safety.parameters)
 EVERY_ARM = ("coulomb_friction", "viscous_friction", "rotor_inertia")
-PORTION = 2048  # states whose regressors, 10 n numbers for each joint, are in memory together
+PORTION = 2048  # states whose regressors, 10 n numbers per joint, are in memory at once
 
 
 @dataclass(frozen=True)
 class Torques:
-    """of C boxes: reading (C, n) N m that the drives report; most (C, n) N m the largest torque of the motor or its reading; limit (n,) N m.
+    """For C boxes: reading (C, n) N m of the drives; most (C, n) N m, largest torque of motor or reading; limit (n,) N m.
 
-    steep (C, n) N m that `most` grows where every joint is 1 rad beside the box, zero where it was not looked for; speed (C, n) rad/s the
-    largest; gain (n,) reading per torque.
+    steep (C, n) N m/rad: growth of `most` per rad by which every joint is off the box, zero if not requested; speed (C, n)
+    rad/s: the largest; gain (n,): reading per torque.
     """
 
     reading: Interval
@@ -57,9 +58,9 @@ class _Group:
 
 
 class TorqueBounds:
-    """The bounds of one arm in one cell; SafetyStop where it has an effect that nobody has a bound for.
+    """The bounds of one arm in one cell; SafetyStop if it has an effect without a bound.
 
-    Without `doubt` masses, rotors, dry and viscous friction are as stated.
+    Without `doubt`, masses, reflected inertia, dry and viscous friction are as stated.
     """
 
     def __init__(self, arm: Arm, cell: Cell, doubt: bool = True) -> None:
@@ -76,7 +77,7 @@ class TorqueBounds:
     def of(
         self, q: Interval, dq: Interval, ddq: Interval, t: np.ndarray | None = None, steep: bool = False, y: np.ndarray | None = None
     ) -> Torques:  # fmt: skip
-        """Bounds over boxes (C, n); t (C,) s where they are the instants of a path; y the regressor of the middles, where it is known."""
+        """Bounds over boxes (C, n). t (C,) s: if they are the instants of a path; y: the regressor at the middles, if known."""
         arm = self.arm
         box = TorqueBox.of(q, dq, ddq, arm.ddq_max, arm.tau_max, self._farthest, t)
         if self._groups[Stage.ENCODER]:
@@ -106,7 +107,7 @@ class TorqueBounds:
             group.effect.bound(box, group.joints, group.known, group.unsure)
 
     def _links(self, box: TorqueBox, fast: np.ndarray, steep: bool, wide: bool, y: np.ndarray | None) -> None:
-        """Stages RIGID and FORCE: the torque that links and outer forces put on the gears, and, of boxes or where asked, how steep it is."""
+        """Stages RIGID and FORCE: torque of links and external forces on the gears; for boxes or on request also `steep`."""
         q, dq, ddq = box.q.middle, box.dq.middle, box.ddq.middle
         centre, half = self._of_links(q, dq, ddq, y)
         w_q, w_v, w_a = box.q.half, box.dq.half, box.ddq.half
@@ -128,7 +129,7 @@ class TorqueBounds:
             box.steep += strong * (turned @ box.stretch)
 
     def _of_links(self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray, y: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
-        """(C, n) N m of the links at states (C, n), and its half-width over the parameter box; y the regressor, where it is known."""
+        """Link torque (C, n) N m at states (C, n), and its half-width over the parameter box; y: the regressor, if known."""
         centre, half = np.empty_like(q), np.empty_like(q)
         for first in range(0, len(q), PORTION):
             rows = slice(first, first + PORTION)
@@ -137,7 +138,7 @@ class TorqueBounds:
         return centre, half
 
     def _mass(self, q: np.ndarray) -> np.ndarray:
-        """Bound of |M(q)| (C, n, n) of the links over the parameter box."""
+        """Bound (C, n, n) of |M(q)| of the links over the parameter box."""
         n = self.arm.n
         tall = np.repeat(q, n, axis=0)
         unit = np.tile(np.eye(n), (len(q), 1))
@@ -145,7 +146,7 @@ class TorqueBounds:
         return np.abs(links).transpose(0, 2, 1) + self._slopes.doubt
 
     def _refuse_unbounded(self, cell: Cell) -> None:
-        """SafetyStop for an effect without a bound, unless the cell file takes it for granted that it adds nothing."""
+        """SafetyStop for an effect without a bound, unless the cell file assumes that it adds nothing."""
         none = Interval.zeros((1, self.arm.n))
         for stage, groups in self._groups.items():
             bounded = []
@@ -160,15 +161,15 @@ class TorqueBounds:
                     if UNBOUNDED not in cell.assumed:
                         where = ", ".join(self.arm.joint_names[j] for j in g.joints) or "the arm"
                         raise SafetyStop(
-                            f"{self.arm.name}: effect {g.effect.name} of {where} in its file: nobody can say how much torque it adds at most, so "
-                            f"no motion's torque is bounded; take it out of the arm that motions are planned with, or where the drives have "
-                            f'enough to spare write assume = ["{UNBOUNDED}"] at the top of {cell.path.name}'
+                            f"{self.arm.name}: effect {g.effect.name} of {where} in its file has no bound of the torque that it adds, so "
+                            f"no motion's torque is bounded; remove it from the arm that motions are planned with, or, if the drives have "
+                            f'enough reserve, write assume = ["{UNBOUNDED}"] at the top of {cell.path.name}'
                         ) from None
             self._groups[stage] = bounded
 
 
 def _groups(arm: Arm, doubt: bool) -> dict[Stage, list[_Group]]:
-    """The effects of an arm, each with what is known of its parameters at all its joints."""
+    """Stage -> the effects of an arm, each with what is known of its parameters at all its joints."""
     f, every = friction_of(arm), np.arange(arm.n)
     wide = 1.0 if doubt else 0.0
     none = np.zeros(arm.n)
@@ -191,14 +192,14 @@ def _groups(arm: Arm, doubt: bool) -> dict[Stage, list[_Group]]:
         joints = np.array([arm.joint_index(e.joint) for e in items if e.joint is not None], dtype=int)
         unsure = np.array([0.0 if e.std else SIGMAS * arm.prior.coulomb for e in items])
         out[effect.stage].append(_Group(effect, joints, known, unsure))
-    # as sim.prediction has it: a reading is gain * torque + offset
+    # as in sim.prediction: a reading is gain * torque + offset
     for groups in out.values():
         groups.sort(key=lambda g: g.effect.name == "torque_offset")
     return out
 
 
 def _loaded(arm: Arm, pi: np.ndarray) -> KinematicTree:
-    """The links with the masses of pi (10 n,): the declared payload is on the last one."""
+    """The links with the inertial parameters pi (10 n,), which include the declared payload on the last one."""
     links = [link_inertia(row) if row[0] > 0 else (0.0, np.zeros(3), np.zeros((3, 3))) for row in pi.reshape(-1, 10)]
     mass, com, inertia = (np.array(x) for x in zip(*links, strict=True))
     return replace(arm.tree, mass=mass, com=com, inertia=inertia)

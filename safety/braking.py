@@ -1,9 +1,10 @@
 """The least-time stop of every joint by itself, with bounded jerk and deceleration.
 
-Each joint brings (dq, ddq) to (0, 0) in the least time with |ddq| <= p_max and |jerk| <= jerk_max. With v_0 the speed that
-remains when ddq is taken to zero first, and p = min(p_max, sqrt(jerk_max v + ddq^2 / 2)), it is jerk -J for (ddq + p)/J, then
--p held, then jerk +J for p/J (signs for v_0 > 0). Ruckig computes the same profile while the arm moves; a test holds both equal.
-A joint that already slows down harder than p_max goes on as hard: p_max is what was found to need no more torque than there is.
+Each joint brings (dq, ddq) to (0, 0) in the least time with |ddq| <= p_max and |jerk| <= jerk_max. Let v_0 be the speed that
+remains after ddq is first taken to zero, v = dq, J = jerk_max and p = min(p_max, sqrt(J v + ddq^2 / 2)). The stop is jerk -J
+for (ddq + p)/J, then -p held, then jerk +J for p/J (signs for v_0 > 0). Ruckig computes the same profile; a test compares the
+two. A joint that already decelerates harder than p_max continues to: p_max is a deceleration whose torque was found to be
+available.
 """
 
 from __future__ import annotations
@@ -16,9 +17,9 @@ import numpy as np
 
 @dataclass(frozen=True)
 class StopProfile:
-    """Three phases of each joint's stop, in the direction `sign` in which it moves: all arrays (N, n).
+    """Three phases of each joint's stop, in its direction of motion `sign`: all arrays (N, n).
 
-    speed rad/s and acceleration rad/s^2 at the start, times sign; p rad/s^2 the deceleration that is reached; t1 t2 t3 s.
+    speed rad/s and acceleration rad/s^2 at the start, times sign; p rad/s^2: deceleration reached; t1 t2 t3 s: the phases.
     """
 
     sign: np.ndarray
@@ -32,7 +33,7 @@ class StopProfile:
 
     @property
     def duration(self) -> np.ndarray:
-        """(N, n) s."""
+        """Duration of each stop, (N, n) s."""
         return self.t1 + self.t2 + self.t3
 
     def rows(self, rows: slice) -> StopProfile:
@@ -41,7 +42,7 @@ class StopProfile:
         return replace(self, **{name: getattr(self, name)[rows, None] for name in names})
 
     def travel(self, t: np.ndarray) -> np.ndarray:
-        """Angle travelled t s after the stop began, rad; constant once the joint stands."""
+        """Angle travelled t s after the stop began, rad; constant once the joint is at rest."""
         return self.state(t)[0]
 
     def state(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -53,7 +54,7 @@ class StopProfile:
         return found[0], found[1], found[2]
 
     def extrema(self) -> tuple[np.ndarray, np.ndarray]:
-        """Least and greatest angle travelled, (N, n) each: at the start, at the end, or where the speed changes its sign."""
+        """Least and greatest angle travelled, (N, n) each: at the start, at the end, or where the joint reverses."""
         end = self.travel(self.duration)
         back = (self.speed < 0) & (self.acceleration > 0)
         root = np.sqrt(np.maximum(self.acceleration**2 + 2 * self.jerk_max * self.speed, 0))
@@ -77,7 +78,7 @@ def _states(t, sign, speed, acceleration, p, t1, t2, t3, jerk, out):  # type: ig
 
 
 def stop_profile(dq: np.ndarray, ddq: np.ndarray, p_max: np.ndarray, jerk_max: np.ndarray) -> StopProfile:
-    """The stop of each joint from dq (N, n) rad/s and ddq (N, n) rad/s^2, by p_max (n,) rad/s^2 at the most."""
+    """The stop of each joint from dq (N, n) rad/s and ddq (N, n) rad/s^2, with a deceleration of at most p_max (n,) rad/s^2."""
     remaining = dq + ddq * np.abs(ddq) / (2 * jerk_max)
     sign = np.where(remaining >= 0, 1.0, -1.0)
     v, a = sign * dq, sign * ddq

@@ -1,8 +1,8 @@
-"""d(q) - sum_j R_j (w_j + e) >= margin for every pair of bodies: clearance that is proved, not sampled, beside the path too.
+"""d(q) - sum_j R_j (w_j + e) >= margin for every pair of bodies: clearance that is verified, not sampled, also beside the path.
 
-A piece of motion lies in a box of joint angles with half-widths w. No point of one body comes nearer to the other than the distance
-at the box's centre less reach times half-width of every joint between the two, so one distance proves a whole piece, with every
-joint up to e beside it; what is not proved is cut in two, down to single pieces of the motion and then to parts of them (bound of
+A piece of motion lies in a box of joint angles with half-widths w. Two bodies come no closer than their distance at the box's
+centre, less reach times half-width of every joint between them. One distance thus verifies a whole piece, with every joint up
+to e off it. What it does not verify is cut in two, down to single pieces of the motion and then parts of them (bound of
 Schwarzer, Saha, Latombe 2005, doi:10.1109/TRO.2004.838012, section III). What stays undecided is refused.
 """
 
@@ -16,20 +16,20 @@ from safety.collision import GJK, Clearance
 from safety.sheets import Sheet
 from sim.errors import SafetyStop
 
-# boxes into which one part of a motion is cut at the most
+# most boxes into which one part of a motion is cut
 HALVES = 400
-# of larger boxes, of so many rows at the most, fewer: their rows may be proved one by one
+# fewer for larger boxes, of at most so many rows, because their rows may be verified one by one
 FEW_HALVES, FEW_ROWS = 48, 128
-# of the room that there is at a box's centre, the share that must be proved before the box is good enough
+# share of the room at a box's centre that must be verified before the box is good enough
 SHARE = 0.5
-# bounds lo hi (n,) rad, and the pairs that are looked at in it
+# bounds lo hi (n,) rad, and the pairs that are checked in it
 Box = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 def certify(clearance: Clearance, sheet: Sheet, what: str, least: float, most: float) -> np.ndarray:
-    """(K,) rad: how far every joint may be beside each row of `sheet` with every pair's margin kept, at most `most`.
+    """(K,) rad: how far every joint may be off each row of `sheet` with every pair's margin kept, at most `most`.
 
-    SafetyStop with the witness where that is less than `least`: a pair comes nearer than its margin, or it could not be decided.
+    SafetyStop with the witness if that is less than `least`: a pair comes closer than its margin, or could not be decided.
     """
     if not sheet.boxes.finite():
         raise SafetyStop(f"{what}: a posture is not finite; it is not checked for collision")
@@ -49,7 +49,7 @@ def certify(clearance: Clearance, sheet: Sheet, what: str, least: float, most: f
         beside = float(np.max(clearance.total[pairs])) * (least + clearance.doubt)
         found = (
             "nearer than the margin" if near.distance < near.margin
-            else f"not decided to {travel * 1e3:.2f} mm, with {beside * 1e3:.0f} mm for a following error of {least:g} rad on every joint"
+            else f"undecided to within {travel * 1e3:.2f} mm, with {beside * 1e3:.0f} mm for a following error of {least:g} rad on every joint"
         )  # fmt: skip
         raise SafetyStop(f"{what}: {near}: {found}; move the obstacle or the home posture, or plan a smaller or slower motion")
 
@@ -58,10 +58,10 @@ def certify(clearance: Clearance, sheet: Sheet, what: str, least: float, most: f
 
 
 def _room(clearance: Clearance, q: np.ndarray, width: np.ndarray, pairs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(P,) rad of room that is proved for each pair within `width` of q, and (P,) rad that there is at q itself."""
+    """(P,) rad of room verified for each pair within `width` of q, and (P,) rad of room at q itself."""
     spare = clearance.distances(q, pairs.tolist()) - clearance.margin[pairs] - GJK
     total = clearance.total[pairs]
-    # a pair that nothing moves is apart for good or never; what is not a number is neither, and proves nothing
+    # a pair that no joint moves is always apart or never; NaN is neither, and verifies nothing
     with np.errstate(divide="ignore", invalid="ignore"):
         inside = np.where(total == 0, np.where(spare >= 0, np.inf, -np.inf), (spare - clearance.reach[pairs] @ width) / total)
         at = np.where(total == 0, inside, spare / total)
@@ -69,7 +69,7 @@ def _room(clearance: Clearance, q: np.ndarray, width: np.ndarray, pairs: np.ndar
 
 
 def _halved(clearance: Clearance, box: Box, least: float, most: float, share: float, halves: int) -> tuple[float, Box | None]:
-    """rad of room in a box, cut in two where it proves too little; and a part that lacks it, or was not reached within `halves` looks."""
+    """rad of room in a box, halved where too little is verified; and a part with too little, or left after `halves` steps."""
     todo, proved = [box], most
     for _ in range(halves):
         if not todo:
@@ -98,7 +98,10 @@ def _prove(
     most: float,
     leaf: Callable[[int, int, np.ndarray], None],
 ) -> None:
-    """From the largest boxes down, until each proves most of the room it has; `leaf(k, m, pairs)` decides the sheet's own boxes."""
+    """From the largest boxes down, until each verifies SHARE of the room at its centre.
+
+    `leaf(k, m, pairs)` decides the sheet's own boxes.
+    """
     top = len(sheet.levels) - 1
     rows, stages = sheet.levels[top][2].lo.shape[:2]
     every = np.arange(len(clearance.pairs))

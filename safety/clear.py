@@ -1,4 +1,4 @@
-"""The one way to a `ClearedTrajectory`: every check of this package on one motion, and the samples that will be sent."""
+"""The only way to a `ClearedTrajectory`: every check of this package on one motion, and the samples that will be sent."""
 
 from __future__ import annotations
 
@@ -29,10 +29,11 @@ _SEAL = object()
 
 @dataclass(frozen=True)
 class Proof:
-    """What was proved: the largest share of each limit that is used (1 is the limit) and the longest stop.
+    """What was verified: the largest share of each limit that is used (1 is the limit) and the longest stop.
 
-    near: the nearest approach to "the cell" and to "itself", where there is any; room rad: the least following error that is covered;
-    braking, device_braking: the share of the arm's ddq_max, and of the device's own deceleration, that the torque suffices for in a stop.
+    near: the nearest approach to "the cell" and to "itself", if there is any; room rad: the least following error that is
+    covered; braking, device_braking: the share of the arm's ddq_max, and of the device's own deceleration, that the torque
+    suffices for in a stop.
     """
 
     used: dict[str, float]
@@ -47,9 +48,9 @@ class Proof:
 class ClearedTrajectory:
     """A motion that passed every check, as the samples that will be sent at `rate` Hz; only `clear` makes one.
 
-    t (N,) s from 0, q dq ddq (N, n), tau_hat (N, n) N m expected, doubt (N, n) N m its half-width, sudden (N, n) N m
-    how far it may be missed of a sudden, load (N, n) N m what the declared payload takes of tau_hat, room (N,) rad the following error that
-    is covered, braking (n,) rad/s^2 that our stop may need: none can be written to.
+    t (N,) s from 0; q dq ddq (N, n); tau_hat (N, n) N m: expected torque; doubt (N, n) N m: half-width of its interval; sudden
+    (N, n) N m: bound of a sudden change of its residual; load (N, n) N m: part of tau_hat due to the declared payload; room
+    (N,) rad: following error that is covered; braking (n,) rad/s^2: of our stop. All are read-only.
     """
 
     __slots__ = ("__weakref__", "_values")
@@ -101,11 +102,11 @@ _CLEARED: weakref.WeakSet[ClearedTrajectory] = weakref.WeakSet()
 
 
 def require_cleared(motion: object, arm: Arm, rate: float) -> ClearedTrajectory:
-    """`motion` itself where `clear` made it for this arm and this rate; SafetyStop for anything else."""
+    """`motion` itself if `clear` made it for this arm and this rate; SafetyStop for anything else."""
     if not (isinstance(motion, ClearedTrajectory) and motion in _CLEARED):
         raise SafetyStop(f"{type(motion).__name__} was not made by safety.clear(); nothing else is ever sent to an arm")
     if motion.arm_sha256 != arm.sha256 or motion.joint_names != arm.joint_names:
-        raise SafetyStop(f"the motion was cleared for another arm than {arm.name} ({arm.sha256[:12]}); clear it for this one")
+        raise SafetyStop(f"the motion was cleared for another arm, not {arm.name} ({arm.sha256[:12]}); clear it for this one")
     if motion.rate != rate:
         raise SafetyStop(
             f"the motion was cleared for {motion.rate:g} Hz, the driver runs at {rate:g} Hz; clear it for this rate"
@@ -122,11 +123,11 @@ def clear(
     latency: float = 0.0,
     clearance: Clearance | None = None,
 ) -> ClearedTrajectory:
-    """Prove a motion, both its stops and a tube around them: limits, torque, power, point speed, clearance; or SafetyStop.
+    """Verify a motion, both its stops and a tube around them: limits, torque, power, point speed, clearance; or SafetyStop.
 
-    rate Hz of the samples that will be sent (the arm's own by default); stop says how the device brakes; latency s is the worst
-    that this computer may be late; clearance saves building the geometry again. Non-zero speed at an end is allowed here: whoever
-    joins motions clears the joined one.
+    rate Hz: of the samples that will be sent, by default the arm's own. stop: how the device brakes. latency s: the worst of
+    this computer. clearance: saves building the geometry again. Non-zero speed at an end is allowed here: motions that are
+    joined are cleared as one.
     """
     if not isinstance(trajectory, Trajectory):
         raise SafetyStop(f"{type(trajectory).__name__} is not a Trajectory; only a Trajectory can be cleared")
@@ -136,7 +137,7 @@ def clear(
     stop = DeviceStop() if stop is None else stop
     if not isinstance(stop, DeviceStop):
         raise SafetyStop(f"{stop!r} is not a DeviceStop; state how the device brakes")
-    compile_cycle()  # whoever drives what is cleared here must not wait for it with an arm in hand
+    compile_cycle()  # not later, when an arm is connected
     clearance = clearance or Clearance(arm, cell)
     used = check_limits(trajectory, arm)
     sent = _samples(trajectory, float(rate))
@@ -160,7 +161,7 @@ def clear(
 
 
 def _load(motion: Trajectory, torque: Torque, arm: Arm, cell: Cell) -> np.ndarray:
-    """What the declared payload takes of tau_hat (N, n) N m; zeros where none is declared."""
+    """Part of tau_hat (N, n) N m that is due to the declared payload; zeros if none is declared."""
     if cell.table.payload is None:
         return np.broadcast_to(np.zeros(arm.n), torque.tau_hat.shape)
     bare = replace(cell, table=cell.table.model_copy(update={"payload": None}))
@@ -168,7 +169,7 @@ def _load(motion: Trajectory, torque: Torque, arm: Arm, cell: Cell) -> np.ndarra
 
 
 def _samples(motion: Trajectory, rate: float) -> Trajectory:
-    """The motion at k / rate s, its last sample included; the grid's last instant may lie less than a period after the motion's end."""
+    """The motion at k / rate s, including its last sample; the last instant may be up to a period after the motion's end."""
     t = motion.t - motion.t[0]
     based = Trajectory(t, motion.q, motion.dq, motion.ddq)
     count = max(int(np.ceil(t[-1] * rate * (1 - 1e-12))), 1)
@@ -178,5 +179,5 @@ def _samples(motion: Trajectory, rate: float) -> Trajectory:
 
 
 def _frozen(array: np.ndarray) -> np.ndarray:
-    """A copy backed by bytes: no flag makes it writable again."""
+    """A copy backed by bytes, which no flag makes writable again."""
     return np.frombuffer(np.ascontiguousarray(array).tobytes(), dtype=array.dtype).reshape(array.shape)

@@ -1,10 +1,11 @@
-"""Distances between the bodies of one arm in one cell, and which pairs of them are looked at; `safety.certify` proves clearance from them.
+"""Distances between the bodies of one arm in one cell, and the pairs to check; `safety.certify` derives clearance from them.
 
-Pairs: every two shapes on different links, except links that share a joint (they touch by construction) and shapes that can never
-part (safety.pairs); every shape on a moving link against every obstacle. Links two joints apart are built close together, so their
-enclosing shapes must not overlap but need no margin beyond that. A pair that keeps its margin in every posture is not looked at again.
+Pairs: every two shapes on different links, except links that share a joint (they touch by construction) and shapes that can
+never part (safety.pairs); every shape on a moving link against every obstacle. Links two joints apart are built close together,
+so their enclosing shapes must not overlap but need no further margin. A pair that keeps its margin in every posture is not
+checked again.
 
-Beside `safety.shapes` and sim.rigid_body, nothing else calls Pinocchio.
+Apart from `safety.shapes` and sim.rigid_body, nothing else calls Pinocchio.
 """
 
 from __future__ import annotations
@@ -26,17 +27,19 @@ from sim.rigid_body import RigidBody
 
 # GJK stops within 1e-6 m of the true distance
 GJK = 1e-5
-# of a motion, for people to read: samples at even times, then the lowest minima among them, and samples around each
+# for display: evenly spaced samples of a motion, then the lowest minima among them, and samples around each
 LOOKS, DIPS, AROUND = 400, 5, 40
-# rad by which the zero of a joint may be wrong (a UR's factory calibration moves joint offsets by about that); encoders come on top
+# rad by which the zero of a joint may be wrong (a UR's factory calibration shifts joint offsets by about that); encoder error
+# is added
 CALIBRATION = 1e-3
-# rad at the most that a pair must leave room for to be one that can part: a cell that expects more leaves out no more pairs
+# largest following error, rad, that a pair must have room for to count as able to part: a cell that expects more does not
+# exclude more pairs
 FOLLOWING_ERROR = 0.01
 
 
 @dataclass(frozen=True)
 class Witness:
-    """Two bodies near each other: the instant s, the distance m there, and the margin m that the cell asks for."""
+    """Two bodies near each other: the instant s, their distance m, and the margin m that the cell requires."""
 
     pair: tuple[str, str]
     t: float
@@ -69,7 +72,7 @@ class Clearance:
             bare = [arm.tree.link_names[i] for i in range(arm.n) if i not in links]
             raise ConfigError(
                 f"{arm.model_path}: collision shapes are missing ({', '.join(bare) or 'see [provenance]'}), so no clearance can be "
-                "verified; add them to the model, or take shapes off incomplete in arm.toml to do without"
+                "verified; add them to the model, or remove shapes from incomplete in arm.toml to do without"
             )
         moving = sum(link >= 0 for link in links)
         if not moving:
@@ -101,9 +104,9 @@ class Clearance:
                 self._geometry.addCollisionPair(pin.CollisionPair(b, a))
                 pairs.append((names[b], names[a]))
         self._set(pairs, np.array(reach).reshape(len(pairs), arm.n), np.array(margin))
-        # what the encoders and their zeros may be wrong by is kept free beside every path
+        # the error of encoders and their zeros is kept free beside every path
         self.doubt = arm.sensors.encoder_resolution + CALIBRATION
-        # a tool is described by hand: one that can never part from the arm is an error, and refused
+        # a tool is described by hand, so one that can never part from the arm is an error and refused
         own = [k for k in np.flatnonzero(self.of_self).tolist() if not any(name.startswith(TOOL) for name in pairs[k])]
         least = min(cell.table.motion.following_error, FOLLOWING_ERROR)
         stuck = never_part(
@@ -135,9 +138,9 @@ class Clearance:
         return always_apart(self.arm, self.reach[k], float(self.margin[k]) + GJK, lambda q: float(self.distances(q, [k])[0]))
 
     def distances(self, q: np.ndarray, pairs: Sequence[int] | None = None) -> np.ndarray:
-        """m between the bodies of each of `pairs` (all of them by default) at q (n,) rad; negative where they overlap, NaN never.
+        """Distance, m, of each of `pairs` (all of them by default) at q (n,) rad; negative if they overlap, never NaN.
 
-        SafetyStop where q is not finite: the libraries would call such a posture free.
+        SafetyStop if q is not finite, because the libraries would report such a posture as free, or if a distance is not.
         """
         if not is_finite(q, self.arm.n):
             raise SafetyStop(
@@ -151,14 +154,14 @@ class Clearance:
         return found
 
     def look(self, q: np.ndarray, pairs: Sequence[int], found: np.ndarray) -> None:
-        """As `distances`, into `found`, for a caller who has checked q and refuses what is not a number himself."""
+        """As `distances`, into `found`, for a caller that has checked q and refuses NaN itself."""
         geometry, data = self._geometry, self._geometry_data
         pin.updateGeometryPlacements(self._model, self._data, geometry, data, q)
         for i, p in enumerate(pairs):
             found[i] = pin.computeDistance(geometry, data, p).min_distance
 
     def needed(self, least: float) -> np.ndarray:
-        """(P,) m that each pair must be apart at a posture, for every joint to be proved `least` rad beside it and the encoders' doubt more."""
+        """(P,) m: distance that each pair needs at a posture to verify every joint up to `least` rad plus encoder error off."""
         return np.asarray(self.margin + self.total * (least + self.doubt) + GJK)
 
     def nearest(self, q: np.ndarray, t: float, pairs: np.ndarray | None = None) -> Witness:
@@ -170,9 +173,9 @@ class Clearance:
         return Witness(self.pairs[p], t, float(found[i]), float(self.margin[p]))
 
     def nearest_on(self, t: np.ndarray, q: np.ndarray) -> dict[str, Witness]:
-        """The least distance to the cell and to itself that was found along a motion, whatever the margins: for people to read, it proves nothing.
+        """The least distances to the cell and to itself found along a motion, whatever the margins. For display: no proof.
 
-        Looked at are at most `LOOKS` samples at even times, then those around the nearest approaches among them.
+        Evaluated at no more than `LOOKS` evenly spaced samples, then around the nearest approaches among them.
         """
         rows = _evenly(0, len(t) - 1, LOOKS)
         found = np.array([self.distances(q[k]) for k in rows])
@@ -189,12 +192,12 @@ class Clearance:
 
 
 def _evenly(first: int, last: int, most: int) -> np.ndarray:
-    """At most `most` whole numbers from `first` to `last`, both included."""
+    """At most `most` integers from `first` to `last`, both included."""
     return np.unique(np.linspace(first, last, most).astype(int))
 
 
 def _around_dips(least: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    """The samples at and around the DIPS lowest local minima of `least` (K,), which was looked at in samples `rows` (K,)."""
+    """The samples at and around the DIPS lowest local minima of `least` (K,), which was evaluated at samples `rows` (K,)."""
     fenced = np.r_[np.inf, least, np.inf]
     dips = np.flatnonzero((least <= fenced[:-2]) & (least <= fenced[2:]))
     lowest = dips[np.argsort(least[dips], kind="stable")[:DIPS]]

@@ -1,4 +1,4 @@
-"""From a fault until the arm stands: by the guard's own stop, or after the device was commanded to stop by itself."""
+"""From a fault until the arm is at rest: by the guard's own stop, or after the device was commanded to stop by itself."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from sim.joint_state import JointState, Status
 
 STANDING_CYCLES = 5
 REST_TIME = 2.0
-# The arm must be seen to slow down this long after the first slower command, else the device is commanded to stop by itself
+# s into the stop after which the arm must be seen to slow down, otherwise the device is commanded to stop by itself
 SLOWER_AFTER = 0.2
 
 
 @dataclass(frozen=True)
 class ComingToRest:
-    """How one arm comes to rest at `rate` Hz: begin is the reading that showed the fault, good (n,) rad where the one before it stood.
+    """Brings one arm to rest at `rate` Hz. begin: the reading that showed the fault; good (n,) rad: position in the one before.
 
-    noise (n,) rad/s: a joint that is no faster stands.
+    noise (n,) rad/s: a joint no faster than that is at rest.
     """
 
     begin: JointState
@@ -34,9 +34,9 @@ class ComingToRest:
     def by_commands(
         self, stop: Stop, planned: np.ndarray, command: Callable[[np.ndarray, np.ndarray], None], read: Callable[[], JointState]
     ) -> Standstill:
-        """`command` the samples of `stop` and wait until the arm stands; gives up early where it does not slow down.
+        """Pass the samples of `stop` to `command` and wait until the arm is at rest; give up early if it does not slow down.
 
-        planned (n,) rad/s: the last speed that was commanded before the stop.
+        planned (n,) rad/s: the last speed commanded before the stop.
         """
         fastest, at_begin = float(np.max(np.abs(planned))), float(np.max(np.abs(self.begin.dq)))
         still, state = 0, self.begin
@@ -58,9 +58,9 @@ class ComingToRest:
     def by_device(
         self, device: DeviceStop, q_cmd: np.ndarray, dq_cmd: np.ndarray, read: Callable[[], JointState], own: Standstill | None
     ) -> Standstill:
-        """After the device was commanded to stop by itself: watch until it stands, for as long as its own stop may take.
+        """After the device was commanded to stop by itself: wait until the arm is at rest, for as long as that stop may take.
 
-        q_cmd (n,) rad and dq_cmd (n,) rad/s: the last command. own: the stop by commands that came before, if there was one.
+        q_cmd (n,) rad and dq_cmd (n,) rad/s: the last command. own: the preceding stop by commands, if any.
         """
         speed = float(np.max(np.abs(dq_cmd)))
         time = device.reaction + speed / device.deceleration

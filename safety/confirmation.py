@@ -1,4 +1,4 @@
-"""A person says yes by typing; only cells without an arm may do without."""
+"""Confirmation that a person types before an arm moves; only cells without an arm do without it."""
 
 from __future__ import annotations
 
@@ -16,15 +16,19 @@ NOT_RATED = (
 )
 
 
-# Where a tunnel to a real controller usually ends on this computer; an emulated one stands at 127.0.0.2 and the like
+# Tunnels to a real controller usually end at this address; emulated controllers use 127.0.0.2 and the like
 TUNNEL_END = ipaddress.IPv4Address("127.0.0.1")
-# A tunnel to a serial adapter ends at a pseudo-terminal as an emulated adapter does: the link to an emulated one has a name that begins so
+# A tunnel to a serial adapter ends at a pseudo-terminal, as an emulated adapter does. Links to emulated ones have names that
+# begin with this
 EMULATED = "emulated"
 
 
 def without_arm(cell: Cell) -> bool:
-    """Whether only software can stand behind a cell: the mock, a controller on an IPv4 loopback address but TUNNEL_END, a CAN bus in memory or on a
-    pseudo-terminal that a link named EMULATED leads to."""
+    """Whether the cell's driver can only reach software, not an arm.
+
+    That is the mock, a controller on an IPv4 loopback address other than TUNNEL_END, and a CAN bus in memory or on a
+    pseudo-terminal behind a link whose name begins with EMULATED.
+    """
     options = cell.table.options
     if cell.table.driver == "mock":
         return True
@@ -32,7 +36,7 @@ def without_arm(cell: Cell) -> bool:
     if isinstance(host, str):
         try:
             address = ipaddress.IPv4Address(host)
-        except ValueError:  # a name, localhost too; of IPv6 every loopback address is the one where tunnels end
+        except ValueError:  # a host name, localhost included, or IPv6, whose one loopback address is where tunnels end
             return False
         return address.is_loopback and address != TUNNEL_END
     if options.get("interface") == "virtual":
@@ -55,24 +59,24 @@ def expected(cell: Cell) -> str:
 
 
 def require_person(cell: Cell, stream: TextIO | None) -> None:
-    """SafetyStop unless a terminal answers where an arm may stand; what was typed there before the question is thrown away."""
+    """SafetyStop if there may be an arm but `stream` is no terminal. Input typed before the question is discarded."""
     if without_arm(cell):
         return
     if stream is None or not stream.isatty():
         raise SafetyStop(
-            f"an arm may stand behind the cell {cell.name}: a person has to confirm at a terminal, and the answer comes from somewhere "
-            "else; start this from a terminal"
+            f"the cell {cell.name} may have a real arm: a person must confirm at a terminal, but the answer comes from "
+            "elsewhere; start this from a terminal"
         )
     termios.tcflush(stream.fileno(), termios.TCIFLUSH)
 
 
 def check_answer(cell: Cell, answer: str) -> None:
-    """AnswerIsNo unless the answer is the expected one, letter for letter."""
+    """AnswerIsNo unless the answer, without surrounding spaces, is exactly the expected one."""
     if answer.strip() != expected(cell):
         raise AnswerIsNo(f"{answer.strip()!r} is not {expected(cell)!r}; nothing was moved")
 
 
 def check_yes(cell: Cell) -> None:
-    """SafetyStop where --yes is given for a cell behind which an arm may stand."""
+    """SafetyStop for --yes in a cell that may have an arm."""
     if not without_arm(cell):
-        raise SafetyStop(f"--yes: an arm may stand behind the cell {cell.name}; a person has to confirm, leave --yes away")
+        raise SafetyStop(f"--yes: the cell {cell.name} may have a real arm, so a person must confirm; leave out --yes")

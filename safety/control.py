@@ -1,8 +1,8 @@
-"""The command process: `execute` in a control process of its own, watched and fed from here, and safe without it.
+"""The command process: `execute` in a control process of its own, watched from here, and safe without this process.
 
-The control process has a session of its own, so Ctrl-C and a closed terminal reach only the command process, which asks for the stop. If the command
-process dies or hangs, its heartbeat ends and the arm is stopped and the log closed all the same. It clears every motion again
-before it sends any: nothing that another process proved is taken on trust.
+The control process has its own session, so Ctrl-C and a closed terminal reach only the command process, which requests the
+stop. If the command process dies or hangs, its heartbeat ends, and the arm is stopped and the log closed all the same. The
+control process clears every motion again before it sends any: it trusts no verification of another process.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ from sim.errors import CalibError, DeviceError
 from sim.strict import validated
 
 BEAT = 0.02
-LET_GO_TIME = 5.0  # s for a process that holds the arm to let go after Ctrl-C; what hangs is killed then
+LET_GO_TIME = 5.0  # s for a process that holds the arm to let go after Ctrl-C; then it is killed
 STOP_TIME = 120.0  # s to stop and to close the log of a long run, after which the control process counts as hung
 LEAVE_TIME = 30.0  # s for both processes to end after the run: more than the monitor process waits for the control process
 
@@ -61,11 +61,11 @@ def drive(
     watch: Callable[[RunProgress], None] = lambda progress: None,
     held: Callable[[str], None] = lambda sentence: None,
 ) -> RunResult:
-    """`execute` where it belongs: here for a simulated cell, in a control process of its own for every other.
+    """`execute` in the right process: this one for a simulated cell, a control process of its own for every other.
 
-    Where the driver goes on holding the arm after a failure, because torque off would drop it, `held` gets the reason, and this returns
-    only when somebody who supports the arm presses Ctrl-C. driver_factory must be a function of a module. Raises what `execute`
-    raises; DeviceError where the control process was lost.
+    If the driver keeps holding the arm after a failure, because it would drop without torque, `held` gets the reason. This then
+    returns only when somebody who supports the arm presses Ctrl-C. driver_factory must be a function of a module. Raises what
+    `execute` raises; DeviceError if the control process was lost.
     """
     if is_simulated(cell):
         return execute(
@@ -103,18 +103,18 @@ def drive(
             seen = WatchTask(*files, audit.resolve(), process.pid)
             processes.append(context.Process(target=look, args=(seen, signs, ends[1], board), name="calib monitor"))
             processes[1].start()
-        for end in (*ends, answers):  # so that each of them ends with the process that has the other end
+        for end in (*ends, answers):  # so that each of them closes when the process at its other end ends
             end.close()
 
         def shown(sentence: str) -> None:
-            """Recorded too, and no failure where the terminal has gone: whoever comes next must learn that the arm is held, and by whom."""
+            """Record it too, and tolerate a closed terminal: others must learn that the arm is held, and by which process."""
             with suppress(CalibError):
                 record(audit, "arm held", pid=os.getpid(), reason=sentence)
             with suppress(OSError):
                 held(sentence)
 
         try:
-            with realtime.attentive():  # a heartbeat that other programs hold up would stop the arm
+            with realtime.attentive():  # a heartbeat delayed by other programs would stop the arm
                 kind, value = _watched(process, answer, board, first_reason(signals.reason, stop_requested), watch, signs)
         except BaseException:
             board.request_stop("the command process failed")
@@ -130,25 +130,25 @@ def drive(
 
 
 def alone_because(driver_factory: Callable[[Cell, Arm], Driver], cell: Cell, arm: Arm) -> str:
-    """Why no monitor process looks at this device beside the control process; empty where one does."""
+    """Why no monitor process checks this device beside the control process; empty if one does."""
     if is_simulated(cell):
         return SIMULATED
     if not hasattr(os, "pidfd_open"):
-        return "this system has no pidfd_open, so nobody could end a hung control process for certain"
+        return "this system has no pidfd_open, so a hung control process could not be ended reliably"
     try:
         return driver_factory(cell, arm).beside()
-    except Exception as error:  # the control process meets it too, and reports it
+    except Exception as error:  # the control process gets the same error and reports it
         return f"its driver cannot be made: {error}"
 
 
 def _let_go(processes: list[Any], board: Board, sentence: str, shown: Callable[[str], None]) -> None:
-    """Wait for the processes; where one holds the arm, or does not end, until Ctrl-C says that somebody supports it. Nothing else lets go."""
+    """Wait for the processes to end. If one holds the arm or hangs, only Ctrl-C by somebody who supports the arm ends it."""
 
     def alive() -> list[str]:
         return [p.name for p in processes if p.exitcode is None]
 
     end, ctrl_c = time.monotonic() + LEAVE_TIME, f"press Ctrl-C or kill -INT {os.getpid()}"
-    with StopSignals():  # nothing that comes meanwhile ends this process before the others
+    with StopSignals():  # no signal that comes meanwhile ends this process before the others
         while alive() and not board.held and time.monotonic() < end:
             time.sleep(SHOW)
         if board.held and alive():
@@ -178,7 +178,7 @@ def _watched(
     process: Any, answer: Connection, board: Board, stop_requested: Callable[[], str | None], watch: Callable[[RunProgress], None],
     signs: Signs,
 ) -> tuple[str, Any]:  # fmt: skip
-    """Show what the control process does until it answers; pass a wish to stop on to it."""
+    """Show the progress of the control process until it answers; pass stop requests on to it."""
     since, unseen = np.inf, None
     while True:
         try:
@@ -200,9 +200,9 @@ def _watched(
             try:
                 watch(board.progress())
             except OSError as error:
-                unseen = f"the run could not be shown any more ({error.strerror})"
+                unseen = f"the run can no longer be shown ({error.strerror})"
             continue
-        board.request_stop(reason)  # a terminal that was closed can show nothing any more
+        board.request_stop(reason)  # a closed terminal can show nothing
         since = min(since, time.monotonic())
         if time.monotonic() - since > STOP_TIME:
             raise DeviceError(

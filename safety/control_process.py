@@ -1,4 +1,4 @@
-"""The control process itself, and the monitor process beside it: what each does from its begin until nothing holds the arm any more."""
+"""The control process and the monitor process beside it: what each does from its start until nothing holds the arm."""
 
 from __future__ import annotations
 
@@ -30,15 +30,15 @@ from sim.arm import Arm, load_arm
 from sim.cell import Cell, load_cell
 from sim.errors import CalibError, DeviceError
 
-# The command process may be slow to draw; it is dead or hung when its heartbeat thread is silent for so long
+# s: the command process may be slow to draw; it counts as dead or hung when its heartbeat thread is silent for this long
 SILENCE = 0.5
 SHOW = 0.05
-END_TIME = 1.0  # s in which the threads of a driver end that holds nothing
+END_TIME = 1.0  # s within which the threads of a driver that holds nothing end
 
 
 @dataclass(frozen=True)
 class ControlTask:
-    """The task of the control process; it loads arm, cell and plan from their files itself."""
+    """The task of the control process, which loads arm, cell and plan from their files itself."""
 
     plan: Path
     cell: Path
@@ -82,7 +82,7 @@ def serve(task: ControlTask, board: Board, answer: Connection) -> None:
 
 
 def _reply(answer: Connection, what: tuple[str, Any]) -> None:
-    """`what` to the command process, if it lives; by bytes, so that nothing but the guard calls anything named `send`."""
+    """Send `what` to the command process, if it is alive; as bytes, so that only the guard calls anything named `send`."""
     with suppress(OSError):
         answer.send_bytes(ForkingPickler.dumps(what))
 
@@ -94,18 +94,18 @@ def orphaned() -> bool:
 
 
 def look(task: WatchTask, signs: Signs, talk: Connection, board: Board) -> None:
-    """The monitor process, and beyond it for as long as its driver holds the arm."""
-    with suppress(CalibError):  # what the driver refuses to let go of, it holds
+    """The monitor process, which then remains for as long as its driver holds the arm."""
+    with suppress(CalibError):  # a driver that refuses to let go still holds the arm
         watch_stages(task, signs, talk)
     talk.close()
     remain(board, task.audit)
 
 
 def remain(board: Board, audit: Path) -> None:
-    """Until nothing holds the arm any more, or Ctrl-C in the command process, or SIGINT to this one, says that somebody supports it."""
-    # a driver that goes on holding does so in a thread of its own; the drives let go when it ends
+    """Wait until nothing holds the arm, or until somebody supports it: Ctrl-C in the command process, or SIGINT to this one."""
+    # a driver that keeps holding does so in a thread of its own; the drives let go when it ends
     others = [t for t in threading.enumerate() if t is not threading.current_thread() and not t.daemon]
-    with StopSignals():  # what came before the arm was held stopped it; it does not let go
+    with StopSignals():  # signals from before the arm was held stopped it; they do not let it go
         for thread in others:
             thread.join(END_TIME)
         alone = False
@@ -121,7 +121,7 @@ def remain(board: Board, audit: Path) -> None:
 
 
 def _tell(audit: Path) -> None:
-    """That this process holds the arm and which it is, where the command process, which would say it, is gone."""
+    """Report that this process holds the arm, and its PID, because the command process, which would report it, is gone."""
     pid = os.getpid()
     sentence = f"the command process died; PID {pid} holds the arm: support it, then kill -INT {pid} to let it go"
     with suppress(CalibError):
@@ -132,7 +132,7 @@ def _tell(audit: Path) -> None:
 
 
 def portable(error: BaseException) -> BaseException:
-    """An error as it can cross a process boundary: without its cause, and as DeviceError where its own kind cannot."""
+    """An error in a form that can cross a process boundary: without its cause, and as DeviceError if its own type cannot."""
     error.__cause__ = error.__context__ = error.__traceback__ = None
     if isinstance(error, Exception) and type(error).__module__.split(".")[0] in ("sim", "safety"):
         return error

@@ -1,4 +1,4 @@
-"""One monitor cycle, compiled: every rule in its order, until one is broken; `safety.monitor` names them."""
+"""One compiled monitor cycle: the rules in order, until one is broken; `safety.monitor_rules` names them."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from safety.rows import NONE, Of
 
 
 def compiled(key: str) -> Callable[..., Any]:
-    """The cycle; key: the text of all that it calls. Numba's cache follows the changes of a file, not of those that it imports."""
+    """The cycle. key: the source of all that it calls, as Numba's cache tracks changes of this file but not of its imports."""
 
     @numba.njit(cache=True)
     def cycle(r, x, path, window, speeds, span, out):  # type: ignore[no-untyped-def]
-        """(rule, joint): the first rule that this reading breaks, by its place in `safety.monitor_rules.RULES`; rule -1 where none is."""
-        key  # noqa: B018 - what it closes over is part of the cache's key
+        """(rule, joint) of the first broken rule, rule as an index into `safety.monitor_rules.RULES`; rule -1 if none."""
+        key  # noqa: B018 - the closure is part of the cache's key
         if x[Of.ANY_CONSTANT] > 0:
             rules.take_torque(r)
         for rule in range(17):

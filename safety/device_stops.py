@@ -1,8 +1,8 @@
 """The device's own stop from every instant of a motion, as a sheet of boxes (safety.sheets).
 
-The last speed is held for the device's reaction time and this computer's worst latency, then every joint slows
-down with the device's deceleration, or all in proportion to the fastest (UR `stopj`: "leading axis"). Where the torque may not
-suffice for that, the deceleration lies anywhere from a share of it up to all of it.
+The last speed is held for the device's reaction time and this computer's worst latency. Then every joint decelerates at the
+device's own rate, or all in proportion to the fastest (UR `stopj`: "leading axis"). If the torque may not suffice for that, the
+deceleration lies anywhere from a share of it up to all of it.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from sim.arm import Arm
 from sim.errors import SafetyStop
 from sim.trajectory import Trajectory
 
-# rad/s: a joint as slow as that stands at once, friction is enough for it
+# rad/s: a joint this slow stops at once, since friction suffices
 CREEP = 1e-3
 COASTING = 2
 
@@ -23,7 +23,7 @@ COASTING = 2
 class DeviceStops(Merged):
     """The device's stop from every instant: row k holds those that begin between samples k and k + 1.
 
-    By any deceleration from `share` of the device's own, which is what the torque must suffice for, to its own.
+    The deceleration is anywhere from `share` of the device's own, for which the torque must suffice, to `hardest` of it.
     """
 
     def __init__(
@@ -57,7 +57,7 @@ class DeviceStops(Merged):
 
     @property
     def softest(self) -> DeviceStops:
-        """The stops by the share alone. Not an attribute that is itself: megabytes that refer to themselves stay until they are looked for."""
+        """The stops at `share` alone. Not an attribute: a reference to itself keeps megabytes until garbage collection."""
         return self if self._softer is None else self._softer
 
     def _coasting(self, rows: slice, begin: np.ndarray, end: np.ndarray) -> tuple[np.ndarray, ...]:
@@ -67,7 +67,7 @@ class DeviceStops(Merged):
         return q_lo + way[0], q_hi + way[1], v_lo + still, v_hi + still, still, still
 
     def _slowing(self, rows: slice, begin: np.ndarray, end: np.ndarray) -> tuple[np.ndarray, ...]:
-        """From `begin` to `end` (R, P) s after braking began: angle grows with the braking time T, and the share of speed left with it."""
+        """From `begin` to `end` (R, P) s after braking began: angle and share of speed left grow with the braking time T."""
         (q_lo, q_hi), (v_lo, v_hi) = ((x[rows] for x in pair) for pair in (self._q, self._dq))
         u0, u1, brief, long = begin[..., None], end[..., None], self._brief[rows], self._long[rows]
         way = _product(v_lo, v_hi, self._coast + _held(u0, brief), self._coast + _held(u1, long))
@@ -88,7 +88,7 @@ class DeviceStops(Merged):
         return q_lo + way[0], q_hi + way[1], speed[0], speed[1], a_lo, a_hi
 
     def time(self, k: int) -> float:
-        """Beginning of row k, s."""
+        """Start of row k, s."""
         return float(self._sent.t[k])
 
     def refined(self, k: int, m: int) -> Boxes:
@@ -101,11 +101,11 @@ class DeviceStops(Merged):
         return part_of(self._slowing(part, t[:, :-1], t[:, 1:]))
 
     def end(self) -> np.ndarray:
-        """Largest angle (K, n) rad from where row k's stops begin to standstill."""
+        """Largest angle (K, n) rad from the start of row k's stops to standstill."""
         return (self._most * (self._coast + self._long / 2))[:, 0]
 
     def check_limits(self) -> None:
-        """SafetyStop unless every stop ends within q_min and q_max; each joint moves one way only, so its end is its extremum."""
+        """SafetyStop unless every stop ends within q_min and q_max; a joint moves one way only, so its end is its extremum."""
         low, high = self.boxes.lo[:, :, 0].min(axis=1), self.boxes.hi[:, :, 0].max(axis=1)
         check_range(self._sent, low, high, self._arm, "the device's own stop")
 
@@ -118,13 +118,13 @@ def _product(
 
 
 def _held(u: np.ndarray, braking: np.ndarray) -> np.ndarray:
-    """u - u^2 / (2 T) until T, T / 2 from then on: the way of a joint that slows down from speed 1 within T s."""
+    """u - u^2 / (2 T) until T, then T / 2: the travel of a joint that slows from speed 1 to 0 within T s."""
     u = np.minimum(u, braking)
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.where(braking > 0, u - u**2 / (2 * braking), 0.0)
 
 
 def _left(u: np.ndarray, braking: np.ndarray) -> np.ndarray:
-    """1 - u / T until T, then 0: the share of its speed that it still has."""
+    """1 - u / T until T, then 0: the remaining share of its speed."""
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.where(braking > 0, np.clip(1 - u / braking, 0, 1), (u <= 0).astype(float))

@@ -1,4 +1,4 @@
-"""A plan from the first check to the last log: `execute` is the one call that moves an arm."""
+"""A plan from the first check to the last log: `execute` is the one call that runs it."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ SIMULATED = "time is simulated in this cell"
 
 @dataclass(frozen=True)
 class RunResult:
-    """What a run left: the log of each motion at full speed, and how closely the arm followed."""
+    """Result of a run: the log of each motion at full speed, and how closely the arm followed."""
 
     folder: Path
     logs: dict[str, Path]
@@ -73,20 +73,22 @@ def execute(
 ) -> RunResult:
     """Drive every motion of an approved plan and record it into `folder`/<name>.mcap.
 
-    stages: speeds to drive at, those that are due by default; only a cell without an arm may skip any. stop_requested: called every cycle, a
-    reason ends the run in a bounded stop. SafetyStop where anything is not as approved, MotionStopped where it went wrong on the
-    way; whatever was recorded then is closed as aborted. link: the monitor process; alone: why there is none, where there is none.
+    stages: speeds to drive at, by default those that are due; none of these may be skipped. stop_requested: called every cycle;
+    a reason ends the run in a bounded stop. SafetyStop if anything is not as approved, MotionStopped if something goes wrong on
+    the way; the recordings are then closed as aborted. link: the monitor process; alone: why there is none.
     """
     check_plan(plan, arm, cell)
     approval = approval_of(plan)
     if approval is None:
-        raise SafetyStop(f"{plan.folder}: nobody has approved this plan; look at it, then `calib record CELL PLAN` asks for it")
+        raise SafetyStop(
+            f"{plan.folder}: nobody has approved this plan; look at it, then approve it with `calib record CELL PLAN`"
+        )
     check_approval(approval, plan, arm, cell, now())
     check_plausible(arm, cell)
     due = stages_due(plan, arm, cell, audit)
     speeds = tuple(due if stages is None else stages)
     if not (speeds and set(due) <= set(speeds) <= set(STAGES) and speeds == tuple(sorted(set(speeds)))):
-        raise SafetyStop(f"stages {list(speeds)}: this plan has to pass {list(due)} here, each once and slow ones first")
+        raise SafetyStop(f"stages {list(speeds)}: this plan must pass {list(due)} here, each once, slowest first")
     facts = {"plan": plan.sha256, "manifest": digest_of(approval.manifest), "arm": arm.name, "cell": cell.name}
     by = operator or approval.approved_by
     record(
@@ -99,7 +101,7 @@ def execute(
         folder=str(folder),
         stages=list(speeds),
     )
-    compile_cycle()  # seconds, once on a computer: not with an arm connected
+    compile_cycle()  # takes seconds, once per computer: not with an arm connected
     try:
         with StopSignals() as signals, driver_factory(cell, arm) as driver:
             _same_device(audit, device_facts(driver.info), approval, plan, now())
@@ -123,7 +125,7 @@ def execute(
 
 
 def _same_device(audit: Path, device: Manifest, approval: Approval, plan: Plan, now: datetime) -> None:
-    """The first device that an approval is used with is the one that it is for: SafetyStop that names what differs from then on."""
+    """An approval is for the first device that it is used with; from then on, SafetyStop names what differs."""
     since = approval.approved_at.isoformat()
     for entry in verify(audit):
         facts = entry["facts"]
@@ -151,7 +153,7 @@ class _Run:
         self.progress = ProgressOfRun(watch, driver.rate)
 
     def drive(self, speeds: Sequence[float], approved_by: str) -> RunResult:
-        """Preflight, clear everything, then stage after stage; back to where the cell wants the arm at the end."""
+        """Preflight, clear everything, then run stage after stage; at the end back to where the cell wants the arm."""
         failed = [f"{c.name}: {c.detail} ({c.remedy})" for c in preflight(self.driver, self.cell) if c.ok is False]
         if failed:
             raise SafetyStop(f"{self.cell.name} is not ready: {'; '.join(failed)}")
@@ -172,7 +174,7 @@ class _Run:
         return RunResult(self.folder, logs, tuple(results), self.latency, approved_by, self.route.verdicts)
 
     def _stage(self, legs: Sequence[Leg], speed: float) -> tuple[StageResult, dict[str, Path]]:
-        """All legs at one speed. Logs are opened before and closed after the arm is driven: neither may hold up the loop."""
+        """Run all legs at one speed. Logs are opened before and closed after the drive, so that neither delays the loop."""
         place = self.folder if speed == STAGES[-1] else self.folder / f"rehearsal-{round(100 * speed)}"
         place.mkdir(parents=True, exist_ok=True)
         paths = {leg.name: place / f"{leg.name}.mcap" for leg in legs if leg.name}
@@ -197,7 +199,7 @@ class _Run:
                 except CalibError as second:
                     error.add_note(str(second))
             raise
-        with ExitStack() as closing:  # each of them, whatever fails
+        with ExitStack() as closing:  # close each of them, whatever fails
             for log in logs.values():
                 closing.callback(log.close)
             if self.link is not None:
@@ -206,11 +208,11 @@ class _Run:
         return StageResult(speed, *(tuple(worst[k].tolist()) for k in ("following error", "residual"))), paths
 
     def _guarded(self, legs: Sequence[Leg]) -> AbstractContextManager[Guard]:
-        """The guard of a stage; seen by the monitor process where there is one."""
+        """The guard of a stage, watched by the monitor process if there is one."""
         given, link = (self.driver, self.arm, self.cell, self.clearance), self.link
         if link is None:
             return Guard(*given, self.stop_requested, self.progress.cycle, self.latency)
-        self.watch(RunProgress("the monitor process takes the verified motions", 0.0, None))
+        self.watch(RunProgress("the monitor process loads the verified motions", 0.0, None))
         with unhurried():
             link.begin([leg.cleared for leg in legs], self.driver.rate, self.latency, self.folder)
         reason = first_reason(self.stop_requested, link.reason)

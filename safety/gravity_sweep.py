@@ -1,7 +1,7 @@
-"""What holds the arm up in a few poses near by, without friction: slowly there and back along the same line, at one speed.
+"""Gravity torque in a few nearby poses, without friction: slowly there and back along the same line, at one speed.
 
-Where a pose is passed in both directions at the same steady speed, half the sum of the torques is g(q) and half their difference is
-friction, of every joint. So the tolerance of a comparison with a model comes from friction that was measured, and is a small part of it.
+Where a pose is passed in both directions at the same steady speed, half the sum of the torques is g(q) and half their
+difference is the friction of each joint. The tolerance of a comparison with a model is thus a small part of measured friction.
 """
 
 from __future__ import annotations
@@ -25,13 +25,14 @@ LINES = 3
 AWAY = (0.25, 0.5)  # rad that each joint turns on a line
 TRIED = 30
 SHARE = 0.1  # of the arm's limits
-# where on a line poses are compared, and over how much of it readings are averaged, parts of its length; there the speed is steady
+# places on a line where poses are compared, and how far to either side readings are used, as shares of its length; speed is
+# steady there
 PLACES, AROUND = (0.3, 0.5, 0.7), 0.06
 
 
 @dataclass(frozen=True)
 class Line:
-    """There and back along one straight line of joint angles, both cleared."""
+    """The way there and back along one straight line of joint angles, both cleared."""
 
     there: ClearedTrajectory
     back: ClearedTrajectory
@@ -39,8 +40,10 @@ class Line:
 
 @dataclass(frozen=True)
 class Passed:
-    """Poses that were passed in both directions, rows k: q (K, n) rad, half the sum and half the difference (K, n) of the torques N m;
-    of the currents A where `torque` is False, because no torque is known."""
+    """Poses passed in both directions, rows k: q (K, n) rad, half the sum and half the difference (K, n) of the torques, N m.
+
+    If `torque` is False, no torque is known, and they are those of the currents, A.
+    """
 
     q: np.ndarray
     gravity: np.ndarray
@@ -49,7 +52,7 @@ class Passed:
 
 
 def lines_from(q: np.ndarray, driver: Driver, cell: Cell, clearance: Clearance, latency: float) -> list[Line]:
-    """Up to LINES lines from q (n,) rad to random poses, each joint turned by AWAY; all of it verified, none where nothing can be."""
+    """Up to LINES verified lines from q (n,) rad to random poses, each joint turned by AWAY; [] if none can be verified."""
     arm, rng, lines = driver.arm, np.random.default_rng(0), []
     for _ in range(TRIED):
         end = q + rng.uniform(*AWAY, arm.n) * rng.choice((-1.0, 1.0), arm.n)
@@ -68,7 +71,7 @@ def lines_from(q: np.ndarray, driver: Driver, cell: Cell, clearance: Clearance, 
 
 
 def sweep(lines: list[Line], arm: Arm, guard: Guard, seen: list[Cycle]) -> Passed:
-    """Drive the lines; seen is what the guard's watcher fills. NaN where the device reports neither torque nor current."""
+    """Drive the lines. seen: filled by the guard's watcher. NaN where the device reports neither torque nor current."""
     rows: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
     torque = True
     for line in lines:
@@ -87,8 +90,10 @@ def sweep(lines: list[Line], arm: Arm, guard: Guard, seen: list[Cycle]) -> Passe
 
 
 def at_places(states: list[JointState], begin: np.ndarray, end: np.ndarray, arm: Arm) -> tuple[np.ndarray, np.ndarray]:
-    """q (P, n) and mean torque (P, n) at PLACES of the line from begin to end (n,) rad; current where no torque is known; NaN where too
-    few readings fall there."""
+    """q (P, n) and torque (P, n), by a linear fit, at PLACES of the line from begin to end (n,) rad.
+
+    Current if no torque is known; NaN where fewer than three readings are near.
+    """
     q, along = np.array([s.q for s in states]), end - begin
     torque, current = np.array([s.tau for s in states]), np.array([s.current for s in states])
     if arm.torque_constant is not None:
@@ -100,12 +105,12 @@ def at_places(states: list[JointState], begin: np.ndarray, end: np.ndarray, arm:
     for k, place in enumerate(PLACES):
         near = np.abs(share - place) <= AROUND
         if np.count_nonzero(near) >= 3:
-            # a straight fit: readings are not evenly spread about the place
+            # a linear fit, as readings are not evenly spread about the place
             fit = np.polynomial.polynomial.polyfit(share[near] - place, torque[near], 1)
             out[k] = fit[0]
     return begin + np.array(PLACES)[:, None] * along, out
 
 
 def _torque_is_known(states: list[JointState], arm: Arm) -> bool:
-    """False where the readings hold currents only and the arm has no torque constant."""
+    """False if the readings hold only currents and the arm has no torque constant."""
     return arm.torque_constant is not None or any(bool(np.isfinite(s.tau).any()) for s in states)

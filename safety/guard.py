@@ -1,4 +1,4 @@
-"""The only caller of `Driver.send`: one cleared sample a period, every reading checked, and a bounded stop whatever goes wrong."""
+"""The only caller of `Driver.send`: a cleared sample per period, every reading checked, a bounded stop whatever goes wrong."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from sim.joint_state import JointState, Status
 
 START_ANGLE = 0.01
 JOIN = 1e-6
-# What a device may change of a command by its own quantisation, rad
+# rad by which a device's quantisation may change a command
 QUANTISATION = 2e-3
 STANDSTILL = 0.02
 SWITCH_ON_TIME = 1.0
@@ -36,11 +36,11 @@ SWITCH_ON_TIME = 1.0
 class Guard:
     """Drives cleared motions of one connected driver, one after another, each beginning where the last one ended.
 
-    A context manager: entered, it reads, switches the device on where that is needed, and begins to watch; left, the device is
-    commanded to stop, which is nothing new to an arm at rest. `sent(k, q)` gets every command, q (n,) rad, with the number of its sample, or
-    HOLDS or STOPS, and ENDED when the guard is left.
-    `stop_requested()` returns the reason for which someone wants a stop, or None; it is called every cycle. `watch` gets every
-    cycle and must not wait. After a stop the guard refuses every further motion: there is no automatic recovery.
+    A context manager. On entry it reads, switches the device on if needed, and starts to monitor. On exit the device is
+    commanded to stop, which changes nothing for an arm at rest. `sent(k, q)` gets every command q (n,) rad with the number of
+    its sample, or HOLDS or STOPS, and ENDED on exit. `stop_requested()` returns the reason for a requested stop, or None; it is
+    called every cycle. `watch` gets every cycle and must not block. After a stop the guard refuses every further motion: there
+    is no automatic recovery.
     """
 
     def __init__(
@@ -67,7 +67,7 @@ class Guard:
         self._settled = False
 
     def __enter__(self) -> Self:
-        """SafetyStop where the arm does not stand still, or does not follow once it is switched on."""
+        """SafetyStop if the arm does not stand still, or does not follow once it is switched on."""
         first = self._first_reading()
         self._q_cmd = first.q.copy()
         try:
@@ -85,7 +85,7 @@ class Guard:
         try:
             self._driver.stop()
         except CalibError:
-            if error is None:  # what went wrong before is what is reported
+            if error is None:  # an earlier error is the one to report
                 raise
         finally:
             self._sent(ENDED, self._q_cmd)
@@ -103,7 +103,7 @@ class Guard:
         return state
 
     def _following(self) -> JointState:
-        """After `engage`, hold the arm where it is until the device says that it follows."""
+        """After `engage`, hold the arm where it is until the device reports that it follows."""
         state = self._samples.states[-1]
         for _ in range(round(SWITCH_ON_TIME * self._driver.rate)):
             self._send(self._q_cmd, self._zero)
@@ -115,9 +115,10 @@ class Guard:
         )
 
     def run(self, motion: ClearedTrajectory, what: str, window: Window | None = None) -> None:
-        """Send every sample of a motion that `clear` made; MotionStopped after a bounded stop where a rule was broken.
+        """Send every sample of a motion that `clear` made; MotionStopped after a bounded stop if a rule is broken.
 
-        Whatever else goes wrong (driver, disk, a bug, an exception from `watch`) also ends in the bounded stop before it is raised.
+        Any other failure (driver, disk, a bug, an exception from `watch`) also ends in the bounded stop, and becomes the
+        error's cause.
         """
         motion = require_cleared(motion, self._arm, self._driver.rate)
         self._refuse_after_stop()
@@ -142,7 +143,7 @@ class Guard:
             self._record = None
 
     def hold(self, seconds: float, what: str) -> None:
-        """Stand at the last command for `seconds`, watched as in motion; what: when, as "after friction"."""
+        """Hold the last command for `seconds`, monitored as in motion; what: when, such as "after friction"."""
         self._refuse_after_stop()
         self.monitor.pause()
         self._doing = HOLDS
@@ -167,13 +168,13 @@ class Guard:
         if not ((gap <= allowed).all() and (np.abs(motion.dq[0] - self._dq_cmd) <= JOIN).all()):
             j = int(np.argmax(gap))
             raise SafetyStop(
-                f"{what}: begins {gap[j]:.4g} rad away from where {self._arm.joint_names[j]} is, or at another speed; "
-                "an approach must bring the arm to its beginning"
+                f"{what}: begins {gap[j]:.4g} rad away from the position of {self._arm.joint_names[j]}, or at another speed; "
+                "an approach must bring the arm to its start"
             )
         self._settled = True
 
     def _cycle(self, window: Window | None, k: int, expected: Expected | None) -> Trip | None:
-        """Read, record, ask the monitor."""
+        """Read, record and let the monitor check."""
         before, state = self._samples.states[-1], self._read()
         if window is not None:
             self._record = window.recording if window.first <= k < window.last else None
@@ -210,7 +211,9 @@ class Guard:
                 stop = stop_from(motion, k, self._arm)
             standstill = rest.by_commands(stop, self._dq_cmd, self._send, self._read_in_stop)
         except Exception as error:
-            trip = Trip(trip.quantity, trip.value, trip.limit, trip.unit, f"{trip.remedy}; the stop met {error}", trip.joint)
+            trip = Trip(
+                trip.quantity, trip.value, trip.limit, trip.unit, f"{trip.remedy}; the stop failed: {error}", trip.joint
+            )
         finally:
             self._driver.stop()
         if standstill is None or not standstill.at_rest:
@@ -222,7 +225,7 @@ class Guard:
     def _read_in_stop(self) -> JointState:
         state = self._read()
         if self._record is not None:
-            # a disk that fails cannot hold up the stop; the recording keeps its failure and closes with it
+            # a failing disk must not delay the stop; the recording keeps its failure and reports it at its end
             with suppress(CalibError):
                 self._record.write(state, self._q_cmd, self._dq_cmd, self._zero)
         if not (state.n == self._arm.n and np.isfinite(state.q).all() and np.isfinite(state.dq).all()):
@@ -235,7 +238,7 @@ class Guard:
         return state
 
     def _note(self, trip: Trip, begin: JointState) -> None:
-        """The reason into the log, where there is one; a disk that fails now cannot hold up anything any more."""
+        """Write the reason to the log, if there is one; a failing disk no longer delays anything here."""
         if self._record is not None:
             try:
                 self._record.event(ERROR, "safety", str(trip), begin.t_device)

@@ -27,7 +27,7 @@ class Hashes(BaseModel):
 
 
 def hashes_of(arm: Arm, cell: Cell | None) -> Hashes:
-    """SHA-256 of the model (text, compiled numbers, shapes), of the limits and of the cell, and the software's version."""
+    """SHA-256 of the model (text, compiled numbers, shapes), of the limits and of the cell, and the software version."""
     model = hashlib.sha256(arm.model_text.encode())
     tree = arm.tree
     for value in (

@@ -1,4 +1,4 @@
-"""Hold to run: the arm moves only while a key of the terminal is held down; a terminal repeats a held key."""
+"""Hold to run: the arm moves only while a key is held down, which the terminal repeats."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from typing import Any, Self
 from safety.stop_sources import Heartbeat
 from sim.errors import ConfigError, SafetyStop
 
-# Terminals wait before they begin to repeat a key, then repeat it at 10 Hz or faster
+# s: terminals wait before they begin to repeat a key, then repeat it at 10 Hz or faster
 FIRST_REPEAT = 0.8
 RELEASED = 0.25
 KEY = b" "
@@ -22,9 +22,9 @@ END_TIME = 1.0  # s for the listening thread to end; it looks every 20 ms
 
 
 class HoldKey:
-    """While entered, watches `stream` (a terminal) for its space bar; without a stream it never asks for a stop.
+    """While entered, watches the space bar of `stream`, a terminal; without a stream it never requests a stop.
 
-    Waits on entering until the key is pressed. `reason()` says that it was released, and from then on always.
+    Entering waits until the key is pressed. Once the key is released, `reason()` reports it from then on.
     """
 
     def __init__(self, stream: Any = None) -> None:
@@ -84,6 +84,6 @@ class HoldKey:
             typed = os.read(self._fd, 100)
         except OSError:
             typed = b""
-        if not typed:  # the terminal is gone, and whoever held the key with it
+        if not typed:  # the terminal is gone, so nobody holds the key
             self._over.set()
         return KEY in typed

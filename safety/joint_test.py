@@ -1,9 +1,10 @@
-"""Is each joint the one that the model means, does its torque point the model's way, and is it that arm?
+"""Is each joint the one that the model means, does its torque have the model's sign, and is it that arm?
 
 Two degrees there and back, joint by joint; then a few slow lines for the gravity torque (`safety.gravity_sweep`).
 
-Over the same path, forth and back, gravity cancels in half the difference of the torques, and inertia too, because each way speeds up
-and slows down alike: what is left is friction, and friction is against the motion. So its sign is the sign of the torque reading.
+Over the same path there and back, gravity cancels in half the difference of the torques. So does inertia, because each way
+accelerates and decelerates alike. What remains is friction, which opposes the motion, so its sign is the sign of the torque
+reading.
 """
 
 from __future__ import annotations
@@ -33,12 +34,12 @@ from sim.joint_state import JointState
 
 ANGLE = math.radians(2.0)
 SHARE = 0.04  # of the arm's limits
-PAUSE = 0.5  # s at each end, for what follows late
-RANGE = (0.5, 1.5)  # what the joint must turn, in parts of ANGLE
-OTHERS = 0.25  # what the others may give way, in parts of ANGLE
+PAUSE = 0.5  # s at each end, for joints that lag
+RANGE = (0.5, 1.5)  # turn required of the joint, in units of ANGLE
+OTHERS = 0.25  # turn allowed to the others, in units of ANGLE
 REST_TOLERANCE = 0.1  # rad
 CERTAIN = 3.0  # standard errors
-MEMORY = 6.0  # readings of torque noise that count as one: it is correlated from sample to sample
+MEMORY = 6.0  # readings of torque noise that count as one, because it is correlated from sample to sample
 
 
 @dataclass(frozen=True)
@@ -57,10 +58,10 @@ def try_joints(
     stop_requested: Callable[[], str | None] = lambda: None,
     show: Callable[[str], None] = lambda sentence: None,
 ) -> list[Check]:
-    """Turn every joint of a connected driver by ANGLE and back, and compare what it reports; one Check a joint. Then the gravity torque.
+    """Turn every joint of a connected driver by ANGLE and back, one Check per joint; then check the gravity torque.
 
-    All of it is proved before anything moves. SafetyStop where an arm with a rest pose does not stand there, or where neither way
-    of a joint can be proved; MotionStopped after a bounded stop where it went wrong on the way.
+    Everything is verified before anything moves. SafetyStop if an arm with a rest pose is not there, or if neither direction of
+    a joint can be verified; MotionStopped after a bounded stop if something goes wrong on the way.
     """
     arm = driver.arm
     check_plausible(arm, cell)
@@ -88,11 +89,9 @@ def try_joints(
             return checks
         if not lines:
             why = (
-                "no line near by can be verified"
-                if cell.table.rest is None
-                else "without brakes the arm stays at its rest pose"
+                "no nearby line can be verified" if cell.table.rest is None else "without brakes the arm stays at its rest pose"
             )
-            return [*checks, Check("gravity torque", None, f"{why}, so which arm this is was not measured")]
+            return [*checks, Check("gravity torque", None, f"{why}, so it was not measured which arm this is")]
         show(f"{len(lines)} slow lines there and back, for the gravity torque")
         passed = sweep(lines, arm, guard, seen)
     found = gravity if passed.torque else torque_constants
@@ -100,7 +99,7 @@ def try_joints(
 
 
 def compare(arm: Arm, joint: int, angle: float, there: list[JointState], back: list[JointState]) -> Check:
-    """What the readings of a joint's way by `angle` rad and of its way back show of order, sign and torque."""
+    """Check joint order, sign and torque by the readings of a joint's way by `angle` rad and of its way back."""
     name, turned = arm.joint_names[joint], back[0].q - there[0].q
     others = np.delete(np.abs(turned), joint)
     j = int(np.argmax(np.abs(turned)))
@@ -113,7 +112,7 @@ def compare(arm: Arm, joint: int, angle: float, there: list[JointState], back: l
     if not follows:
         return Check(
             title, False, detail + (f", {arm.joint_names[j]} most of all" if j != joint else ""),
-            "the order of joints or a direction is not the arm file's: compare joint names, nodes and directions with the arm",
+            "the joint order or a direction differs from the arm file: compare joint names, nodes and directions with the arm",
         )  # fmt: skip
     against, doubt, unit = _friction(joint, float(np.sign(angle)), there, back)
     if not math.isfinite(against):
@@ -123,14 +122,14 @@ def compare(arm: Arm, joint: int, angle: float, there: list[JointState], back: l
         return Check(title, True, f"{detail} (± {doubt:.2g}: too little to tell the sign of the torque)")
     return Check(
         title, against > 0, detail,
-        f"the torque of {name} runs against its motion: its sign or the order of the torques is not the arm file's",
+        f"the torque of {name} opposes its motion: its sign or the order of the torques differs from the arm file",
     )  # fmt: skip
 
 
 def _friction(joint: int, sign: float, there: list[JointState], back: list[JointState]) -> tuple[float, float, str]:
     """Half the difference of torque between the two ways, its standard error, and its unit.
 
-    Of current where a way has too few torques to tell their error; NaN where there are too few currents too.
+    Current instead if a way has too few torque readings to estimate the error; NaN if there are too few currents too.
     """
     for quantity, unit in (("tau", "N m"), ("current", "A")):
         first, second = (_in_motion(way, joint, quantity) for way in (there, back))
@@ -141,7 +140,7 @@ def _friction(joint: int, sign: float, there: list[JointState], back: list[Joint
 
 
 def _in_motion(way: list[JointState], joint: int, quantity: str) -> np.ndarray:
-    """The finite readings of `quantity` while the joint moves at more than half of its top speed."""
+    """The finite readings of `quantity` while the joint moves at more than half its top speed."""
     dq = np.abs([state.dq[joint] for state in way])
     load = np.array([getattr(state, quantity)[joint] for state in way])
     known = np.isfinite(dq) & np.isfinite(load)
@@ -156,7 +155,7 @@ def _require_rest(arm: Arm, cell: Cell, q: np.ndarray) -> None:
         j = int(np.argmax(away))
         raise SafetyStop(
             f"{arm.joint_names[j]} stands {away[j]:.3f} rad away from the rest pose, where the arm may lose its torque afterwards; at most "
-            f"{REST_TOLERANCE} rad: bring the arm to its rest pose first"
+            f"{REST_TOLERANCE} rad is allowed: bring the arm to its rest pose first"
         )
 
 

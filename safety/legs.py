@@ -1,4 +1,4 @@
-"""The legs of a run: approach, motion and retreat, every one of them cleared before the first one moves."""
+"""The legs of a run: approach, motion and retreat, all cleared before the first one moves."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from sim.trajectory import Trajectory
 
 @dataclass(frozen=True)
 class Leg:
-    """One cleared piece of a run; `name` is the motion's, None for a move that is not recorded."""
+    """One cleared piece of a run; `name` is that of its motion, or None for a move that is not recorded."""
 
     cleared: ClearedTrajectory
     what: str
@@ -31,9 +31,9 @@ class Leg:
 
 
 class Route:
-    """Where a run leads one arm in one cell: from where it stands through every motion of the plan, and back at the end.
+    """The route of a run for one arm in one cell: from where the arm is through every motion of the plan, and back at the end.
 
-    latency s is that of this computer and the driver; verdicts gets what was proved of each motion.
+    latency s: of this computer and the driver. verdicts: what was verified of each motion.
     """
 
     def __init__(self, plan: Plan, cell: Cell, arm: Arm, driver: Driver, clearance: Clearance, latency: float) -> None:
@@ -42,7 +42,7 @@ class Route:
         self.verdicts: dict[str, Proof] = {}
 
     def legs(self, q: np.ndarray, speeds: Sequence[float], watch: Callable[[RunProgress], None]) -> dict[float, list[Leg]]:
-        """Every leg of the run, cleared before the first one moves, each beginning where the one before will have ended."""
+        """Speed -> every leg of the run, all cleared before the first one moves; each begins where the one before ends."""
         legs: dict[float, list[Leg]] = {}
         total, done = len(speeds) * len(self.plan.motions) + 1, 0
         for speed in speeds:
@@ -59,7 +59,7 @@ class Route:
         return legs
 
     def _to_and_through(self, q: np.ndarray, motion: Trajectory, what: str, name: str) -> list[Leg]:
-        """Straight to the motion's beginning and through it; by way of the cell's home where the straight way is not proved."""
+        """Straight to the start of the motion and through it; by way of the cell's home if that way cannot be verified."""
         legs = []
         try:
             way = self._joined(q, motion, what)
@@ -78,7 +78,7 @@ class Route:
         return [*legs, Leg(cleared, what, name, first, last + 1)]
 
     def _joined(self, q: np.ndarray, motion: Trajectory, what: str) -> Joined:
-        """The motion behind the fastest approach that is proved."""
+        """The motion after the fastest approach that can be verified."""
         refusal: SafetyStop | None = None
         for share in SHARES:
             way = joined(motion, q, self.arm, self.driver.rate, share)
@@ -91,7 +91,7 @@ class Route:
         raise refusal or SafetyStop(f"{what}: there is no way to it")
 
     def _moved(self, q: np.ndarray, target: np.ndarray, what: str) -> Leg:
-        """From rest to rest, by the fastest straight move that is proved."""
+        """From rest to rest, by the fastest straight move that can be verified."""
         refusal: SafetyStop | None = None
         for share in SHARES:
             try:

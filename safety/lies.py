@@ -1,4 +1,4 @@
-"""Rules of several readings: do they agree with each other? A sensor that goes on talking but no longer measures is found by what it should agree with.
+"""Rules of several readings: do they agree? A sensor that still reports but no longer measures contradicts another quantity.
 
 Written like `safety.rules`.
 """
@@ -13,7 +13,7 @@ from safety.rows import ARM, NONE, WINDOW, Of, Row
 
 @register_jitable
 def frozen_position(r, x, out):  # type: ignore[no-untyped-def]
-    """Readings that repeat the position although the joint says that it moves."""
+    """Readings that repeat the position although the joint reports motion."""
     broken = NONE
     for j in range(r.shape[1]):
         stuck = r[Row.Q, j] == r[Row.LAST_Q, j] and abs(r[Row.DQ, j]) > r[Row.MOVING, j]
@@ -32,7 +32,10 @@ def frozen_position(r, x, out):  # type: ignore[no-untyped-def]
 
 @register_jitable
 def mean_speed(r, x, window, speeds, out):  # type: ignore[no-untyped-def]
-    """Change of position over WINDOW readings against the mean of their speeds; window (WINDOW, n + 1) angles and instants, speeds (WINDOW, n)."""
+    """Change of position over WINDOW readings against the mean of their reported speeds.
+
+    window (WINDOW, n + 1): angles and instant; speeds (WINDOW, n).
+    """
     n, row = r.shape[1], int(x[Of.WINDOW_COUNT]) % WINDOW
     speeds[int(x[Of.COUNT]) % WINDOW] = r[Row.DQ]
     broken = NONE
@@ -51,7 +54,10 @@ def mean_speed(r, x, window, speeds, out):  # type: ignore[no-untyped-def]
 
 @register_jitable
 def turned(r, x, span, out):  # type: ignore[no-untyped-def]
-    """What a joint turned within SPAN s against the integral of its reported speed; span (K, 3 n + 1): angle, speed, integral, instant."""
+    """Angle turned within SPAN s against the integral of the reported speed.
+
+    span (K, 3 n + 1): angle, speed, integral, instant.
+    """
     n, row, broken = r.shape[1], int(x[Of.SPAN_COUNT]) % len(span), NONE
     if x[Of.SPAN_COUNT] > 0:
         step = x[Of.T_DEVICE] - x[Of.SPAN_LAST_T]
@@ -76,13 +82,13 @@ def turned(r, x, span, out):  # type: ignore[no-untyped-def]
 
 @register_jitable
 def frozen_torque(r, x, rows, out):  # type: ignore[no-untyped-def]
-    """Torque that repeats its last digit for `rows` readings while the expected one moves by more than noise."""
+    """Torque identical to the last digit for `rows` readings while the expected torque changes by more than noise."""
     broken = NONE
     for j in range(r.shape[1]):
         sensed = r[Row.HAS_TAU, j] > 0 and r[Row.NOISE, j] > 0
         same = r[Row.TAU, j] == r[Row.LAST_TAU, j] and abs(r[Row.DQ, j]) > r[Row.MOVING, j] and sensed
         expected = r[Row.TAU_HAT, j] if x[Of.EXPECTED] > 0 else 0.0
-        # a coarse reading may well stay as it is while nothing of the motion changes it
+        # a coarse reading may stay constant as long as the motion does not change it
         if same:
             r[Row.MOVED, j] = max(r[Row.MOVED, j], abs(expected - r[Row.BEGAN, j]))
             r[Row.SAME, j] += 1
@@ -97,7 +103,7 @@ def frozen_torque(r, x, rows, out):  # type: ignore[no-untyped-def]
 
 @register_jitable
 def swing(r, x, out):  # type: ignore[no-untyped-def]
-    """Over SWING s: a torque that hardly moves where the expected one swings further than all that is not known."""
+    """Over SWING s: a torque that hardly changes although the expected torque swings by more than its uncertainty."""
     if not (x[Of.EXPECTED] > 0 and x[Of.ANY_TAU] > 0):
         clear_swing(r, x)
         return NONE
@@ -112,7 +118,7 @@ def swing(r, x, out):  # type: ignore[no-untyped-def]
         return NONE
     broken = NONE
     for j in range(r.shape[1]):
-        # the same wrong mass at both ends of the swing: what is certain of it is the swing less twice the doubt
+        # a wrong mass affects both ends of the swing: only the swing less twice the doubt is certain
         wanted, found = r[Row.SWING_HI_HAT, j] - r[Row.SWING_LO_HAT, j], r[Row.SWING_HI, j] - r[Row.SWING_LO, j]
         certain = wanted - 2 * r[Row.SWING_DOUBT, j] - 2 * x[Of.SIGMAS] * r[Row.NOISE, j]
         fine = r[Row.HAS_TAU, j] == 0 or certain <= 0 or found >= x[Of.FOLLOWS] * certain
@@ -124,7 +130,7 @@ def swing(r, x, out):  # type: ignore[no-untyped-def]
 
 @register_jitable
 def clear_swing(r, x):  # type: ignore[no-untyped-def]
-    """Begin a swing anew."""
+    """Start a new swing."""
     x[Of.SWING_SEEN] = 0.0
     r[Row.SWING_LO_HAT], r[Row.SWING_LO], r[Row.SWING_HI_HAT], r[Row.SWING_HI] = np.inf, np.inf, -np.inf, -np.inf
     r[Row.SWING_DOUBT] = 0.0
@@ -132,7 +138,7 @@ def clear_swing(r, x):  # type: ignore[no-untyped-def]
 
 @register_jitable
 def clock(r, x, out):  # type: ignore[no-untyped-def]
-    """The earliest arrival of each BLOCK s, which no delay makes earlier, against that of the first block."""
+    """The smallest T - T_DEVICE of each BLOCK s, which no delay makes smaller, against that of the first block."""
     x[Of.BLOCK_LEAST] = min(x[Of.BLOCK_LEAST], x[Of.T] - x[Of.T_DEVICE])
     if x[Of.T_DEVICE] < x[Of.BLOCK_END]:
         return NONE

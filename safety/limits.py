@@ -1,8 +1,8 @@
-"""lo <= q^(k)(t) <= hi for every instant of a motion, k = 0..3: proved, not sampled.
+"""lo <= q^(k)(t) <= hi for every instant of a motion, k = 0..3: verified, not sampled.
 
 Between two samples a Trajectory is the quintic through position, speed and acceleration at both ends. In Bernstein form
-x(s) = sum_i b_i B_i(s), and the polynomial lies in the hull of its coefficients b_i (Farin 2002, "Curves and Surfaces for CAGD",
-section 4.3). The end coefficients are values of the motion itself, so a hull inside the limits proves the piece and an end outside
+x(s) = sum_i b_i B_i(s), it lies in the hull of its coefficients b_i (Farin 2002, "Curves and Surfaces for CAGD", section 4.3).
+The end coefficients are values of the motion itself. A hull inside the limits therefore proves the piece, and an end outside
 refutes it; anything between is halved (de Casteljau) until decided. What stays undecided is refused.
 """
 
@@ -53,7 +53,7 @@ def pieces(motion: Trajectory) -> BernsteinPieces:
 
 @dataclass(frozen=True)
 class Excess:
-    """Where a piece leaves its limits: index of the piece, joint, value and whether that value is really reached."""
+    """Where a piece leaves its limits: index of the piece, joint, value, and whether that value is actually reached."""
 
     piece: int
     joint: int
@@ -64,7 +64,7 @@ class Excess:
 def first_excess(b: np.ndarray, lo: np.ndarray, hi: np.ndarray) -> Excess | None:
     """The first piece that is not verified to stay in [lo, hi], or None. b (M, d+1, n) coefficients, lo hi (n,).
 
-    `ROUNDING` (relative to the range of the limits) is what floating-point evaluation of an inner coefficient may add.
+    `ROUNDING`, relative to the larger limit, is what floating-point evaluation of an inner coefficient may add.
     """
     slack = ROUNDING * np.maximum(np.abs(lo), np.abs(hi))
     ends = b[:, [0, -1]]
@@ -109,7 +109,7 @@ def halves(b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def limits_of(arm: Arm) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """(lo, hi) of q, dq, ddq and jerk; ConfigError asks for a limit that the arm lacks."""
+    """(lo, hi) of q, dq, ddq and jerk; ConfigError asks for a limit that the arm does not have."""
     require_limits(arm, "q_min", "q_max", "dq_max", "ddq_max", "jerk_max", "tau_max")
     return {
         "q": (arm.q_min, arm.q_max),
@@ -120,9 +120,9 @@ def limits_of(arm: Arm) -> dict[str, tuple[np.ndarray, np.ndarray]]:
 
 
 def check_limits(motion: Trajectory, arm: Arm) -> dict[str, float]:
-    """Prove position, speed, acceleration and jerk of every instant; returns the largest share of each limit that is used.
+    """Verify position, speed, acceleration and jerk at every instant; returns the largest share of each limit that is used.
 
-    SafetyStop names joint, quantity, value, limit and instant of the first piece that is not proved.
+    SafetyStop names joint, quantity, value, limit and instant of the first piece that is not verified.
     """
     if motion.n != arm.n:
         raise SafetyStop(f"the motion has {motion.n} joints, {arm.name} has {arm.n}; plan the motion for this arm")
@@ -138,7 +138,7 @@ def check_limits(motion: Trajectory, arm: Arm) -> dict[str, float]:
 
 
 def check_sent(sent: Trajectory, arm: Arm) -> None:
-    """SafetyStop unless every sample, and every step from one to the next, is inside the limits but for `ROUNDING`."""
+    """SafetyStop unless every sample, and every step from one to the next, is within the limits up to `ROUNDING`."""
     step = Trajectory(sent.t[1:], *(np.diff(sent.q, axis=0) / np.diff(sent.t)[:, None],) * 3) if len(sent) > 2 else None
     rows = [(name, getattr(sent, name), sent.t) for name in ("q", "dq", "ddq")]
     rows += [("dq", step.q, step.t)] if step else []
@@ -165,7 +165,7 @@ def _sentence(name: str, excess: Excess, motion: Trajectory, arm: Arm, lo: np.nd
 
 
 def sampled(motion: Trajectory, t: np.ndarray) -> Trajectory:
-    """The motion at the instants t (M,) s, which lie in [t[0], t[-1]] of the motion; exact at the motion's own samples."""
+    """The motion at the instants t (M,) s; exact at its own samples. ValueError if they are not within its time range."""
     form = pieces(motion)
     if not (np.all(t >= motion.t[0]) and np.all(t <= motion.t[-1])):
         raise ValueError(f"instants from {t.min()} to {t.max()} s leave the motion's {motion.t[0]} to {motion.t[-1]} s")

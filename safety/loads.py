@@ -1,9 +1,9 @@
-"""Torque, power and point speed over boxes of states: not at samples but at every instant, for every parameter set, off the path too.
+"""Torque, power and point speed over boxes of states: at every instant, for every parameter set, and off the path too.
 
-The torque of a box is that of `safety.bounds`, and steep e more; for the states within half-widths (w_q, w_v) of its centre
+The torque of a box is that of `safety.bounds` plus steep e. For the states within half-widths (w_q, w_v) of its centre
   |v|   <= |J dq_c| + sum_j |J_j| w_vj + sum_jk R_max(j,k) |dq_j| (w_qk + e)
-where e rad is how far each joint may be beside the path. Boxes are merged into large ones first; what they do not prove is left to
-smaller ones, down to the sheet's own. For each row comes out the largest e that is proved: the room for a following error.
+where e rad is how far each joint may be off the path. Large merged boxes come first; what they do not verify is left to smaller
+ones, down to the sheet's own. The result for each row is the largest verified e: the room for a following error.
 """
 
 from __future__ import annotations
@@ -23,19 +23,19 @@ from sim.interval import Interval
 from sim.rigid_body import RigidBody
 from sim.tree import Shape
 
-# boxes that hold more rows than this prove nothing
+# boxes with more rows than this verify nothing
 MOST_ROWS = 128
 CHUNK = 4_000
-# rows of a sheet of which one is looked at before a proof is tried
+# one in so many rows of a sheet is evaluated before a proof is tried
 EVERY = 25
 
 
 class NotEnough(SafetyStop):
-    """The torque or the power does not suffice; a softer stop may need less."""
+    """Torque or power does not suffice; a softer stop may need less."""
 
 
 class Loads:
-    """The limits of one arm in one cell, checked for boxes."""
+    """The limits of one arm in one cell, checked over boxes."""
 
     def __init__(self, arm: Arm, cell: Cell) -> None:
         self.arm = arm = equipped(arm, cell)
@@ -47,10 +47,10 @@ class Loads:
         self._swept = np.array([swept(arm, shape) for shape in shapes]).reshape(-1, arm.n, arm.n)
 
     def room(self, sheet: Sheet, what: str, least: float, enough: float, torque: bool = True) -> np.ndarray:
-        """(K,) rad: how far every joint may be beside each row, with torque, power and point speed still within their limits.
+        """(K,) rad: how far every joint may be off each row with torque, power and point speed still within their limits.
 
-        Without `torque` only the point speed is checked.
-        Not refined where it is `enough`; SafetyStop names what is exceeded where it is not `least`.
+        Without `torque` only the point speed is checked. Room of `enough` is not refined; SafetyStop names what is exceeded if
+        the room is below `least`.
         """
         if not sheet.boxes.finite():
             raise SafetyStop(f"{what}: a state is not finite; its torque is not checked")
@@ -81,7 +81,7 @@ class Loads:
         return room
 
     def hopeless(self, sheet: Sheet) -> bool:
-        """Whether torque or power are exceeded at the middle of one of some of the sheet's own boxes: then it is not worth a proof."""
+        """Whether torque or power is exceeded at the middle of a box of every EVERY-th row; then no proof is worth trying."""
         boxes = sheet.boxes
         middle = ((boxes.lo + boxes.hi) / 2)[::EVERY].reshape(-1, 3, self.arm.n)
         for begin in range(0, len(middle), CHUNK):
@@ -92,7 +92,7 @@ class Loads:
         return False
 
     def _refined(self, sheet: Sheet, what: str, cells: np.ndarray, least: float, first: int) -> np.ndarray:
-        """(C,) the room of some of the sheet's own boxes (C, 2), from their parts."""
+        """Room (C,) rad of the sheet's own boxes at `cells` (C, 2), from their parts."""
         room = []
         for begin in range(0, len(cells), CHUNK // 8):
             some = cells[begin : begin + CHUNK // 8].tolist()
@@ -107,7 +107,7 @@ class Loads:
         return np.concatenate(room)
 
     def _of(self, part: Boxes) -> np.ndarray:
-        """(C, n + 1 + shapes) rad: room of each box by torque, by power and by the speed of each shape."""
+        """(C, n + 1 + shapes) rad: room of each box by the torque of each joint, by power and by the speed of each shape."""
         torque = self._torque(part)
         with np.errstate(divide="ignore", invalid="ignore"):
             by_torque = _share(torque.limit - torque.most, torque.steep)
@@ -122,7 +122,7 @@ class Loads:
         return self._bounds.of(q, dq, ddq, steep=True)
 
     def _speed_room(self, part: Boxes, w_q: np.ndarray, fast: np.ndarray) -> np.ndarray:
-        """(C, S) rad of room that the point speed of each shape leaves."""
+        """(C, S) rad: room that the point speed of each shape leaves."""
         limit = self.cell.table.motion.point_speed_max
         ask = ~(fast @ self._reach.T <= limit)
         out = np.where(ask, -np.inf, np.inf)
@@ -137,19 +137,19 @@ class Loads:
         return out
 
     def _refuse(self, sheet: Sheet, what: str, k: int, part: Boxes, worst: int) -> None:
-        """Say what is exceeded in one box."""
+        """Raise the error that names what is exceeded in one box."""
         torque, n = self._torque(part), self.arm.n
         where = f"{what} at t={sheet.time(k):.4f} s"
         if worst < n:
             raise NotEnough(
                 f"{self.arm.joint_names[worst]}: torque up to {torque.most[0, worst]:.4g} N m in {where}, over the whole box of parameters, "
-                f"leaves no room for a following error below {torque.limit[worst]:.4g} N m; plan a slower motion, declare the real payload in "
+                f"leaves no room below {torque.limit[worst]:.4g} N m for a following error; plan a slower motion, declare the real payload in "
                 f"the cell file, or state better known masses in [prior] of arm.toml{missing_facts(self.arm, worst)}"
             )
         if worst == n:
             raise NotEnough(
-                f"{self.arm.name}: mechanical power up to {float(np.sum(torque.most * torque.speed)):.4g} W in {where} leaves no room for a following error "
-                f"below {POWER_MAX:g} W; plan a slower motion"
+                f"{self.arm.name}: mechanical power up to {float(np.sum(torque.most * torque.speed)):.4g} W in {where} leaves no room "
+                f"below {POWER_MAX:g} W for a following error; plan a slower motion"
             )
         raise SafetyStop(
             f"{self._outlines.shapes[worst - n - 1].name}: a point of it may move faster than {self.cell.table.motion.point_speed_max:g} m/s in "
@@ -158,9 +158,9 @@ class Loads:
 
 
 def swept(arm: Arm, shape: Shape) -> np.ndarray:
-    """S (n, n): a point of the shape becomes faster by at most S_jk |dq_j| for each rad of joint k.
+    """S (n, n): the speed of a point of the shape grows by at most S_jk |dq_j| per rad of joint k.
 
-    Turning joint k moves what hangs on it, as far as the later of both joints reaches; the first joint of all turns the whole motion.
+    Turning joint k moves what hangs on it, as far as the later of both joints reaches. The first joint turns the whole motion.
     """
     reach, n = joint_reach(arm, shape), arm.n
     swept = reach[np.maximum.outer(np.arange(n), np.arange(n))] * np.outer(reach > 0, reach > 0)
@@ -172,6 +172,6 @@ def swept(arm: Arm, shape: Shape) -> np.ndarray:
 
 
 def _share(spare: np.ndarray, slope: np.ndarray) -> np.ndarray:
-    """spare / slope, infinite where nothing is added and nothing lacks; NaN is no room."""
+    """spare / slope; infinite where the slope is zero and spare is not negative; -inf, no room, for NaN."""
     out = np.where(slope > 0, spare / slope, np.where(spare >= 0, np.inf, -np.inf))
     return np.where(np.isfinite(spare), out, -np.inf)

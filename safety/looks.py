@@ -1,4 +1,4 @@
-"""Which pairs of bodies are looked at in a cycle of the monitor, compiled: every one that may be too near by now."""
+"""Selects the pairs of bodies whose distance a monitor cycle computes: all that may be too close by now. Compiled."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ import numpy as np
 
 @numba.njit(cache=True)
 def to_look_at(q, seen, seen_q, reach, least, turn, looks, asked):  # type: ignore[no-untyped-def]
-    """How many pairs' distances are looked at now, and which, in `asked`: those that may be too near by now, and `looks` more in turn.
+    """Number of pairs whose distance is computed now, listed in `asked`: those that may be too close, and `looks` more in turn.
 
-    seen (P,) m at seen_q (P, n) rad: a pair cannot be nearer now than that less reach (P, n) times what was turned since.
+    seen (P,) m was the distance at seen_q (P, n) rad. It is now at least seen less reach (P, n) times the turn since then.
     """
     count, pairs = 0, len(seen)
     for p in range(pairs):
@@ -26,7 +26,7 @@ def to_look_at(q, seen, seen_q, reach, least, turn, looks, asked):  # type: igno
 
 @numba.njit(cache=True)
 def nearest(q, found, asked, seen, seen_q, least):  # type: ignore[no-untyped-def]
-    """Keep what was found at q (n,), and which of it is nearest beyond the least that it may be: its place, or -1 where none is too near."""
+    """Store the distances found at q (n,); return the index of the pair furthest below its least distance, or -1 if none is."""
     worst, place = np.inf, -1
     for k in range(len(found)):
         p = asked[k]

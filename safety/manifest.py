@@ -1,8 +1,8 @@
-"""Everything that a proof and the rules of a run rest on, field by field: what was approved is what runs, to the last number.
+"""Everything that a proof and the rules of a run depend on, field by field: what was approved is what runs, to the last digit.
 
-Every setting of the arm's folder and of the cell is a field of its own, by its name in the file; the model file, each compiled number
-of it, each shape and each mesh stand with their SHA-256. What differs can so be named. Defaults are fields too: a new version of this
-software that changes one needs a new approval.
+Every setting of the arm folder and the cell is a field under its name in the file. Further fields are the model file,
+everything compiled from it, shapes and meshes; long ones are held as SHA-256. A refusal can therefore name what differs.
+Defaults are fields too: a software version that changes one needs a new approval.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ from sim.version import software_version
 
 Manifest = dict[str, str]
 AGAIN = "approve again with `calib record --approve`"
-# what a driver says that may be another each time it is connected
+# facts of a driver that may differ at each connection
 PASSING = ("bus",)
 
 
 def manifest_of(plan: Plan, arm: Arm, cell: Cell) -> Manifest:
-    """Field -> value as text, or its SHA-256 where it is long; the same for the same plan, arm folder, cell, meshes and software."""
+    """Field -> value as text, or its SHA-256 if long; the same for the same plan, arm folder, cell, meshes and software."""
     out: Manifest = {"software": software_version(), "plan": plan.sha256}
     own = {f.name: getattr(arm, f.name) for f in fields(arm) if f.name not in ("tree", "model_path", "model_text", "sha256")}
     _flatten(own, "arm", out)
@@ -45,7 +45,7 @@ def manifest_of(plan: Plan, arm: Arm, cell: Cell) -> Manifest:
 
 
 def device_facts(info: DeviceInfo) -> Manifest:
-    """What a connected device says of itself that must stay the same: model, serial, firmware, and what its driver adds (such as a calibration)."""
+    """Facts of a connected device that must stay: model, serial, firmware, and what its driver adds (such as a calibration)."""
     more = {key: str(value) for key, value in info.extra.items() if key not in PASSING}
     return {"device model": info.model, "serial": info.serial, "firmware": info.firmware, **more}
 
@@ -56,15 +56,15 @@ def digest_of(manifest: Manifest) -> str:
 
 
 def require_same(before: Mapping[str, str], now: Mapping[str, str], lead: str) -> None:
-    """SafetyStop that names the first field that is not as it was; `lead` begins the sentence."""
+    """SafetyStop that names the first field that differs; `lead` begins the sentence."""
     order = sorted(set(before) | set(now), key=lambda name: (name in _WHOLE, name))
     for name in order:
         if before.get(name) != now.get(name):
             was, is_ = (str(x.get(name, "nothing"))[:24] for x in (before, now))
-            raise SafetyStop(f"{lead} another {name} ({was}) than there is now ({is_}); look at what changed, then {AGAIN}")
+            raise SafetyStop(f"{lead} another {name} ({was}), now it is {is_}; look at what changed, then {AGAIN}")
 
 
-# fields that differ whenever another one does: they are named last
+# fields that differ whenever another one does, so they are named last
 _WHOLE = {"arm.files", "cell.file", "arm.model file", "plan", "software"}
 
 

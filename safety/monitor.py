@@ -1,7 +1,7 @@
 """Does the arm do what it was commanded? Checked at every reading; every rule is written so that NaN breaks it.
 
-RULES names what is looked at, in that order; `safety.rules` and `safety.lies` have the numbers of each. Values that a device does not report (NaN in its
-first reading) are not required; once reported, they must go on being reported.
+RULES names what is checked, in that order; `safety.rules` and `safety.lies` implement it. Values that a device does not report
+(NaN in its first reading) are not required; once reported, they must continue to be reported.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from sim.cell import Cell
 from sim.joint_state import JointState, Status
 
 PERIODS = 3.5
-PAUSE_MAX = 3600.0  # s between two motions; a longer step is a clock that jumped
+PAUSE_MAX = 3600.0  # s between two motions; a longer step means that a clock jumped
 # Below the 5 deg and 1.15 deg/s by which a UR controller lets a joint exceed its own safety limits, so that this trips first
 # (Universal Robots e-Series user manual, "Safety-related functions and interfaces", tolerances).
 Q_OVER = 0.05
@@ -36,42 +36,45 @@ TEMPERATURE_MAX = 75.0
 TEMPERATURE_MIN = -40.0
 RESIDUAL = 0.3
 RESIDUAL_STEP = 0.05
-# noise of a reading less a mean of such readings that may have begun with one of them
+# noise factor of a reading less a mean of readings that may have begun with a single one
 TWO_READINGS = 1.5
-# a reading by itself may be out by so much of the band on one joint: a drive's current has spikes, a blow lasts and meets several joints
+# one reading of one joint may exceed its band by this factor: a drive's current has spikes, whereas an impact lasts and affects
+# several joints
 SPIKE = 2.0
-# s for which the torque must be that of the arm without its declared load; what is left of that load then, as a share of it, and the noise
-# of a mean whose first reading was one reading
+# s for which the torque must be that of the arm without its declared load; the most that may then remain, as a share of that
+# load; and the noise factor of a mean that began with a single reading
 LOST = 0.2
 LOAD_SHARE = 0.5
 OF_A_MEAN = 0.25
 FROZEN = 10
-# a position that stays although the joint was commanded to turn by more than its grain, and says that it does, is frozen sooner: by then its
-# reading is too old. A joint that sticks where it was commanded to end or to turn back is not: a speed made of positions shows that late.
+# a constant position counts as frozen sooner if the joint was commanded to turn by more than the grain and reports that it
+# does: the reading is too old by then. A joint that sticks at the end or reversal of a command is exempt: a speed derived from
+# positions shows that late.
 FROZEN_LEAST = 3
-# pairs whose distance is looked at in every cycle, whether or not they may be near by now
+# pairs whose distance is computed in every cycle, whether or not they may be near by now
 LOOKS = 2
-# s by which a reported speed may lag behind (a drive's filter), and what it may be off by all the time, share of dq_max
+# s by which a reported speed may lag (a drive's filter), and its largest constant error, share of dq_max
 LAG = 0.02
 BIAS = 0.01
-# standard deviations of its noise by which the expected torque must have moved for a still one to be frozen
+# standard deviations of noise by which the expected torque must change before a constant reading counts as frozen
 CHANGED = 3.0
+# share of the certain swing that the torque must show
 FOLLOWS = 0.25
-# s: of each, the earliest arrival of a reading, which no delay makes earlier; a rate that is off by 0.2 % is found within 4 s
+# s: the earliest arrival of each block is used, which no delay makes earlier; a rate that is off by 0.2 % is found within 4 s
 BLOCK = 1.0
-# quartz clocks are within 100 parts in a million of each other (IEC 60679-1 classes); what a busy computer delays is seldom missed in a block
+# quartz clocks agree to 100 parts in a million (IEC 60679-1 classes); a busy computer seldom delays every reading of a block
 DRIFT = 5e-4
 JITTER = 3e-3
 
 
-# plain numbers: a member of an enumeration takes longer to find than its number takes to write
+# plain integers: looking up an enum member takes longer than writing the number
 ROOM_AT, COUNT_AT, LAST_T_AT, PAUSED_AT = (int(place) for place in (Of.ROOM, Of.COUNT, Of.LAST_T, Of.PAUSED))
 
 
 class Expected(NamedTuple):
-    """What a motion should take: torque (n,) N m, the half-width of its interval, how far it may be missed of a sudden, room rad beside it.
+    """Expected of a motion: torque (n,) N m, half-width of its interval, and bound of a sudden change of its residual.
 
-    load (n,) N m is what the declared payload takes of tau_hat.
+    room rad beside the path; load (n,) N m: part of tau_hat due to the declared payload.
     """
 
     tau_hat: np.ndarray
@@ -83,7 +86,7 @@ class Expected(NamedTuple):
 
 @cache
 def compile_cycle() -> None:
-    """Compile what a cycle needs, or load it from Numba's cache: it takes seconds once on a computer, and so comes before anything is connected."""
+    """Compile what a cycle needs, or load it from Numba's cache: seconds, once per computer. Call it before connecting."""
     row = np.ones((ROWS, 1))
     cycle(row, np.zeros(NUMBERS), np.zeros((2, 3)), np.zeros((WINDOW, 2)), np.zeros((WINDOW, 1)), np.zeros((4, 4)), np.zeros(3))
     one, asked = np.zeros((1, 1)), np.zeros(1, dtype=np.int64)
@@ -92,7 +95,7 @@ def compile_cycle() -> None:
 
 
 class Monitor:
-    """Rules for one run; `check` after every reading, in order."""
+    """The rules of one run; call `check` after every reading, in order."""
 
     def __init__(
         self, arm: Arm, cell: Cell, rate: float, clearance: Clearance, first: JointState, latency: float = 0.0
@@ -106,13 +109,13 @@ class Monitor:
         self._span = np.zeros((max(4, round(SPAN * rate)), 3 * n + 1))
         self._begin(arm, rate, first, latency)
         self._clearance = clearance
-        # how far each pair was, at which posture: it cannot be nearer now than that less reach times what was turned since
+        # last distance of each pair and its posture: the distance now is at least that, less reach times the turn since then
         self._seen_q = np.tile(first.q, (len(clearance.pairs), 1))
         self._seen = np.zeros(len(clearance.pairs))
         self._least, self._reach = clearance.margin - GJK, np.ascontiguousarray(clearance.reach)
         self._asked = np.zeros(len(clearance.pairs), dtype=np.int64)
         self._found = np.zeros(len(clearance.pairs))
-        # rows that change with every reading, as views: finding them anew each time is half of a cycle
+        # rows that change with every reading, as views: looking them up each time would take half of a cycle
         r = self._row
         self._reading = (r[Row.Q], r[Row.DQ], r[Row.TAU], r[Row.CURRENT], r[Row.TEMPERATURE])
         self._expected = (r[Row.TAU_HAT], r[Row.DOUBT], r[Row.SUDDEN], r[Row.LOAD])
@@ -161,7 +164,7 @@ class Monitor:
 
     @property
     def worst(self) -> dict[str, np.ndarray]:
-        """The largest following error (n,) rad, and residual of torque (n,) as a share of tau_max, so far."""
+        """The largest following error (n,) rad and torque residual (n,), as a share of tau_max, so far."""
         return {"following error": self._row[Row.WORST_ERROR], "residual": self._row[Row.WORST_RESIDUAL]}
 
     def check(
@@ -173,7 +176,8 @@ class Monitor:
     ) -> Trip | None:
         """The first rule that `state` breaks, or None.
 
-        now s on the host's clock; q_cmd (n,) rad the last command; expected: the torque that it should take, None while the arm stands.
+        now s on the host's clock; q_cmd (n,) rad: the last command; expected: torque and room there, None while the arm stands
+        still.
         """
         x = self._number
         if expected is not None:
@@ -195,7 +199,7 @@ class Monitor:
         return trip
 
     def pause(self) -> None:
-        """The arm stands, and nobody need have read since: the next reading may come any time after the last one."""
+        """The arm stands still and need not have been read: the next reading may come any time after the last one."""
         x = self._number
         x[Of.PAUSED], x[Of.SLOW_BEGUN], x[Of.SPAN_COUNT], x[Of.LOAD_BEGUN], x[Of.LOST] = 1.0, 0.0, 0.0, 0.0, 0.0
         self._row[Row.SAME] = 0.0
@@ -218,7 +222,7 @@ class Monitor:
         return Trip(quantity.format(more), value, limit, unit, remedy, name)
 
     def _check_clearance(self, q: np.ndarray) -> Trip | None:
-        """Every pair in every cycle: those that may be too near since their distance was last looked at are looked at again."""
+        """Check every pair in every cycle; only distances that may have become too small are computed again."""
         if not len(self._seen):
             return None
         turn = int(self._number[COUNT_AT])

@@ -1,4 +1,4 @@
-"""The guard's side of the monitor process: hands it what was verified, shows it every command, and stops where it wants to or is silent."""
+"""The guard's side of the monitor process: passes on verified motions and every command, stops at its request or silence."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from safety.signs import Signs
 from sim.errors import SafetyStop
 
 ANSWER_TIME = 60.0  # s for the monitor process to load and check what a stage needs, on a busy computer
-SEEN_TIME = 6.0  # s in which it has to see the arm
+SEEN_TIME = 6.0  # s within which it must see the arm
 PAUSE = 0.1
 
 
 def tube_file(folder: Path, motions: Sequence[ClearedTrajectory]) -> Path:
-    """The samples of these motions in one file, for a `VerifiedSamples`."""
+    """Write the samples of these motions to one file for `VerifiedSamples`; returns its path."""
     file = folder / "tube.npy"
     out = np.lib.format.open_memmap(file, "w+", float, (sum(map(len, motions)), 5 * motions[0].q.shape[1] + 1))
     begin = 0
@@ -36,22 +36,22 @@ def tube_file(folder: Path, motions: Sequence[ClearedTrajectory]) -> Path:
 
 
 def silence_of(rate: float, latency: float) -> float:
-    """s that either process may be silent: what a reading may be late."""
+    """s that either process may be silent: as long as a reading may be late."""
     return max(PERIODS / rate, latency + 1.0 / rate)
 
 
 def write(talk: Connection, what: object) -> None:
-    """One message to the other process, as JSON."""
+    """Send one message to the other process, as JSON."""
     talk.send_bytes(json.dumps(what).encode())
 
 
 def read(talk: Connection) -> Any:
-    """The next message; EOFError where the other process has ended."""
+    """The next message; EOFError if the other process has ended."""
     return json.loads(talk.recv_bytes())
 
 
 class Order(NamedTuple):
-    """A stage that is about to begin: where its tube is, samples of each motion, control rate Hz, latency s."""
+    """A stage that is about to begin: the file with its tube, number of samples of each motion, control rate Hz, latency s."""
 
     file: str
     counts: list[int]
@@ -68,7 +68,7 @@ class MonitorLink:
         self.leg = 0
 
     def begin(self, motions: Sequence[ClearedTrajectory], rate: float, latency: float, folder: Path) -> None:
-        """Hand a stage over; SafetyStop where the monitor process refuses it, or does not answer."""
+        """Hand over a stage; SafetyStop if the monitor process refuses it or does not answer."""
         self._silence, self.leg = silence_of(rate, latency), 0
         self._signs.looked(-np.inf)
         file = tube_file(folder, motions)
@@ -78,7 +78,7 @@ class MonitorLink:
             file.unlink(missing_ok=True)
 
     def end(self) -> dict[str, float]:
-        """What the monitor process did over the stage: cycles, and the time of them, us."""
+        """Statistics of the monitor process over the stage: number of cycles and their times, us."""
         answer = self._ask(None)
         return answer if isinstance(answer, dict) else {}
 
@@ -94,14 +94,14 @@ class MonitorLink:
         return answer
 
     def refusal(self) -> str:
-        """What the monitor process has said without a question, after a semicolon; empty where it has said nothing."""
+        """What the monitor process has reported unasked, after a semicolon; empty if nothing."""
         try:
             return f"; it says: {read(self._talk)}" if self._talk.poll() else ""
         except (OSError, EOFError):
             return "; it has ended"
 
     def sent(self, k: int, q: np.ndarray) -> None:
-        """For `Guard`: every command."""
+        """Pass on a command; `Guard` calls this for each one."""
         self._signs.sent(self._clock(), self.leg, k, q)
 
     @property
@@ -110,7 +110,7 @@ class MonitorLink:
         return self._signs.looked_at > -np.inf
 
     def reason(self) -> str | None:
-        """Why the guard must stop, or None: what the monitor process found, or that it is silent."""
+        """Why the guard must stop, or None: a finding of the monitor process, or its silence."""
         tripped = self._signs.tripped
         if tripped is not None:
             return f"the monitor process found: {tripped}"
@@ -122,7 +122,7 @@ class MonitorLink:
 
 @contextmanager
 def seen(link: MonitorLink, make: Callable[[Callable[[int, np.ndarray], None]], Guard]) -> Iterator[Guard]:
-    """The guard that `make` makes, entered, once the monitor process sees the arm; SafetyStop where it does not within SEEN_TIME."""
+    """The guard that `make` returns, entered, once the monitor process sees the arm; SafetyStop if not within SEEN_TIME."""
     with make(link.sent) as guard:
         for _ in range(round(SEEN_TIME / PAUSE)):
             guard.hold(PAUSE, "until the monitor process sees the arm")
@@ -130,6 +130,6 @@ def seen(link: MonitorLink, make: Callable[[Callable[[int, np.ndarray], None]], 
                 break
         else:
             raise SafetyStop(
-                f"the monitor process saw no reading within {SEEN_TIME:g} s{link.refusal()}; see that a second program can hear the device"
+                f"the monitor process saw no reading within {SEEN_TIME:g} s{link.refusal()}; check that a second program can read from the device"
             )
         yield guard

@@ -1,18 +1,18 @@
-"""The rules of the monitor by their rows: quantity, unit and what to look for."""
+"""The monitor's rules as a table: quantity, unit and remedy."""
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
-# Do the readings agree with each other? A sensor that goes on talking but no longer measures is found by what it should agree with.
-# s over which a speed is compared with the position, and a torque may stay the same; found within that
+# Consistency of readings: a sensor that still reports but no longer measures contradicts another quantity.
+# s over which speed is compared with position, and for which a torque may stay constant; a fault is found within it
 SPAN = 0.25
-# s over which a torque must follow the motion; found within twice that. Of the swing that must be seen, the share that is
+# s over which the torque must follow the motion; a fault is found within twice that
 SWING = 1.0
 
 
 class Rule(NamedTuple):
-    """What is looked at, the unit, and what to look for where it is broken."""
+    """The monitored quantity, its unit, and what to check if the rule is broken."""
 
     quantity: str
     unit: str

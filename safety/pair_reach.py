@@ -1,7 +1,8 @@
-"""|d(q) - d(q')| <= sum_j reach_j |q_j - q'_j|: how fast each joint brings two bodies nearer to each other, seen from either of them.
+"""|d(q) - d(q')| <= sum_j reach_j |q_j - q'_j|: how fast each joint brings two bodies together, seen from either of them.
 
-The distance of two bodies depends only on how they stand to each other. A joint between them may be taken to move the one or the other,
-and no point of it goes faster than its distance from the joint's axis: the smaller of both bounds holds in any configuration.
+The distance of two bodies depends only on their relative pose. A joint between them may be taken to move either one, and no
+point of that one moves faster than its distance from the joint's axis. The smaller of the two bounds therefore holds in any
+configuration.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ EXACT = 1e-9
 
 
 def of_two_shapes(arm: Arm, a: Shape, b: Shape) -> np.ndarray:
-    """(n,) m/rad for two of the arm's shapes; 0 for joints that move both, or neither, or turn one within itself."""
+    """(n,) m/rad for two of the arm's shapes; 0 for joints that move both or neither, or turn one within itself."""
     of_a, of_b = arm.tree.moved_by(a.link), arm.tree.moved_by(b.link)
     only_one = of_a ^ of_b
     span = np.where(only_one, np.maximum(from_beyond(arm, a), from_beyond(arm, b)), 0.0)
@@ -31,7 +32,7 @@ def of_two_shapes(arm: Arm, a: Shape, b: Shape) -> np.ndarray:
 
 
 def of_shape_and_obstacle(arm: Arm, shape: Shape, obstacle: object) -> np.ndarray:
-    """(n,) m/rad for a shape and what stands still; 0 for joints that do not move it, turn it within itself, or along a plane."""
+    """(n,) m/rad for a shape and a fixed obstacle; 0 for joints that do not move it, or only within itself or along a plane."""
     span = from_beyond(arm, shape)
     for j in np.flatnonzero(span).tolist():
         if _idle(arm, shape, j) or _level(arm, obstacle, j):
@@ -40,7 +41,7 @@ def of_shape_and_obstacle(arm: Arm, shape: Shape, obstacle: object) -> np.ndarra
 
 
 def from_beyond(arm: Arm, shape: Shape) -> np.ndarray:
-    """(n,) m/rad of the shape's own motion: `joint_reach`, with the distance from its axis for the hinge of its own link."""
+    """(n,) m/rad for the shape's own motion: `joint_reach`, but for its own link's hinge the distance from the hinge's axis."""
     span = joint_reach(arm, shape)
     if shape.link >= 0 and not arm.tree.prismatic[shape.link]:
         span[shape.link] = min(span[shape.link], _from_axis(shape, np.zeros(3), arm.tree.axis[shape.link]))
@@ -48,7 +49,7 @@ def from_beyond(arm: Arm, shape: Shape) -> np.ndarray:
 
 
 def _from_before(arm: Arm, shape: Shape, link: int) -> dict[int, float]:
-    """m/rad for the joints from the shape's link up to `link`, as if they moved the shape; none where `link` is not beyond it."""
+    """Joint -> m/rad, from the shape's link up to `link`, as if these joints moved the shape; {} if `link` is not beyond it."""
     tree, joints = arm.tree, []
     while link >= 0 and link != shape.link:
         joints.append(link)
@@ -74,13 +75,13 @@ def _from_before(arm: Arm, shape: Shape, link: int) -> dict[int, float]:
 
 
 def _from_axis(shape: Shape, point: np.ndarray, axis: np.ndarray) -> float:
-    """m: the farthest that a point of the shape is from a line, given in its link's frame."""
+    """Largest distance of a point of the shape from a line given in its link's frame, m."""
     points, radius = spine(shape)
     return float(np.max(np.linalg.norm(np.cross(points - point, axis / np.linalg.norm(axis)), axis=1))) + radius
 
 
 def _idle(arm: Arm, shape: Shape, joint: int) -> bool:
-    """Whether the joint, next to the shape's link, only turns the shape within itself: a body of revolution about its axis."""
+    """Whether a joint next to the shape's link only turns it within itself: a body of revolution about the joint's axis."""
     tree = arm.tree
     if tree.prismatic[joint] or shape.kind not in ("sphere", "capsule", "cylinder"):
         return False
@@ -96,7 +97,7 @@ def _idle(arm: Arm, shape: Shape, joint: int) -> bool:
 
 
 def _level(arm: Arm, obstacle: object, joint: int) -> bool:
-    """Whether the joint, next to the base, turns about the normal of a plane: it brings nothing nearer to it."""
+    """Whether a joint next to the base turns about the normal of a plane, and so brings nothing nearer to the plane."""
     tree = arm.tree
     if not isinstance(obstacle, PlaneObstacle) or tree.prismatic[joint] or int(tree.parent[joint]) != -1:
         return False

@@ -1,4 +1,4 @@
-"""Which shapes are never checked against each other, and why: of links that share a joint, those that can never part, those always apart."""
+"""Which shapes are never checked against each other, and why: on links that share a joint, unable to part, or always apart."""
 
 from __future__ import annotations
 
@@ -10,26 +10,27 @@ from sim.arm import Arm
 from sim.postures import POSTURES, postures
 
 MANY_POSTURES = 2000
-# m beyond its margin that a pair must reach somewhere to count as one that can part: links two joints apart, and others
+# m beyond its margin that a pair must reach in some posture to count as able to part: links two joints apart, other links
 KIN_EXTRA, EXTRA = 0.002, 0.006
-# distances that a proof for every posture may take
+# distances that a proof for every posture may compute
 LOOKS = 1500
 TURN_DOUBT = 0.06
 
 
 def adjacent(parent: np.ndarray, a: int, b: int) -> bool:
-    """Whether two links are one, or share a joint; -1 is the base."""
+    """Whether two links are the same or share a joint; -1 is the base."""
     return a == b or (a >= 0 and int(parent[a]) == b) or (b >= 0 and int(parent[b]) == a)
 
 
 def never_part(
     arm: Arm, distances: Callable[[np.ndarray, list[int]], np.ndarray], margin: np.ndarray, asked: np.ndarray
 ) -> dict[int, str]:
-    """Index of each pair that can never part -> the reason in words: with such shapes no posture of the arm would be free.
+    """Index of each pair that can never part -> the reason in words. With such shapes no posture of the arm would be free.
 
-    That is a pair that keeps its margin (P,) m in none of POSTURES postures, and, of links two joints apart (whose margin is 0), one that
-    overlaps in most of many more and keeps in none what a proof asks for at a posture, `asked` (P,) m. Such shapes hold more than the bodies
-    do, or bodies that were built into each other. distances(q, pairs) gives (len(pairs),) m at one posture (n,).
+    Such a pair keeps its margin (P,) m in none of POSTURES postures. Links two joints apart, whose margin is 0, also count if
+    they overlap in most of many more postures and in none reach the distance that a proof needs, `asked` (P,) m. Their shapes
+    are larger than the bodies, or the bodies are built into each other. distances(q, pairs) gives (len(pairs),) m at one
+    posture (n,).
     """
     every = list(range(len(margin)))
     found = np.array([distances(posture, every) for posture in postures(arm)])
@@ -46,15 +47,16 @@ def never_part(
             if apart.max() < asked[k] + KIN_EXTRA and np.median(apart) <= 0:
                 out[k] = (
                     f"they overlap in {np.mean(apart <= 0):.0%} of {MANY_POSTURES} postures over the whole range and are at most "
-                    f"{apart.max() * 1e3:.1f} mm apart, and a motion needs {asked[k] * 1e3:.1f} mm: they can never part"
+                    f"{apart.max() * 1e3:.1f} mm apart, but a motion needs {asked[k] * 1e3:.1f} mm: they can never part"
                 )
     return out
 
 
 def always_apart(arm: Arm, reach: np.ndarray, needed: float, distance: Callable[[np.ndarray], float]) -> str | None:
-    """Proof that two bodies are `needed` m apart over the whole turn of the joints between, in words; only of a pair that at most two joints move.
+    """Proof, in words, that two bodies stay `needed` m apart over the whole range of the joints between them; None if it fails.
 
-    distance(q) is theirs, m; reach (n,) m/rad bounds how fast each joint changes it. None where it is not proved.
+    Only for pairs that at most two joints move, and no slide. distance(q): theirs, m; reach (n,) m/rad bounds how fast each
+    joint changes it.
     """
     moved = np.flatnonzero(reach)
     if len(moved) == 0:

@@ -1,4 +1,4 @@
-"""What is known of an arm's parameters before a motion: a box that holds them, two standard deviations wide to either side.
+"""The box of an arm's parameters before a motion: two standard deviations to either side of their nominal values.
 
 The payload may be a fifth lighter or heavier than declared.
 """
@@ -20,7 +20,7 @@ SIGMAS = 2.0
 
 @dataclass(frozen=True)
 class Friction:
-    """Each (n,): rotor inertia kg m^2, dry friction N m, viscous friction N m s/rad, and the half-width of the interval of each."""
+    """Each (n,): reflected inertia kg m^2, dry friction N m, viscous friction N m s/rad, and the half-width of each."""
 
     inertia: np.ndarray
     inertia_doubt: np.ndarray
@@ -31,10 +31,10 @@ class Friction:
 
 
 def friction_of(arm: Arm) -> Friction:
-    """What the arm's own effects say, with the doubt of what was fitted, or else of its prior (`sim.prior.spread`).
+    """The arm's own effects, with the uncertainty of the fit, or else of the prior (`sim.prior.spread`).
 
-    What nobody stated is not none: it may be as much as an ordinary drive has. A rotor takes no more than tau_max at ddq_max, or the arm
-    could not reach that acceleration.
+    An unstated value is not zero: it may be as large as in an ordinary drive. Reflected inertia takes no more than tau_max at
+    ddq_max, or the arm could not reach that acceleration.
     """
     wide = spread(arm)
     inertia, inertia_doubt = _rows(arm, "rotor", wide["rotor"])
@@ -46,18 +46,18 @@ WORDS = {"coulomb": "dry friction", "viscous": "viscous friction", "rotor": "ref
 
 
 def missing_facts(arm: Arm, joint: int) -> str:
-    """What nobody stated of a joint and the proof therefore takes as large, as the end of a refusal; "" where all is stated."""
+    """The end of a refusal: which values of a joint are unstated and therefore assumed large; "" if all are stated."""
     missing = [WORDS[key] for key, rows in unstated(arm).items() if rows[joint]]
     if not missing:
         return ""
     return (
-        f". Nobody stated {' and '.join(missing)} of {arm.joint_names[joint]}, so they count as much as an ordinary drive has: state "
-        f"them (`calib arm new --drive`), or identify the arm on a slower motion first"
+        f". No values are stated for {' and '.join(missing)} of {arm.joint_names[joint]}, so they are assumed as large as in an "
+        f"ordinary drive: state them (`calib arm new --drive`), or identify the arm on a slower motion first"
     )
 
 
 def parameter_box(arm: Arm, cell: Cell) -> tuple[np.ndarray, np.ndarray]:
-    """Centre (10 n,) and half-widths (10 n,) of the inertial parameters, the declared payload on the last link included."""
+    """Centre (10 n,) and half-widths (10 n,) of the inertial parameters, including the declared payload on the last link."""
     tree, prior = arm.tree, arm.prior
     pi, delta = [], []
     for mass, com, inertia in zip(tree.mass, tree.com, tree.inertia, strict=True):
@@ -78,7 +78,7 @@ def parameter_box(arm: Arm, cell: Cell) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _rows(arm: Arm, key: str, std: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """A parameter of every joint, zero where the arm has none, and its doubt: the fitted std, or that of the prior."""
+    """A parameter of every joint, zero where the arm has none, and its half-width: SIGMAS times the fitted or prior std."""
     value, doubt = np.zeros(arm.n), SIGMAS * std
     effect, parameter = EFFECT[key]
     missing = unstated(arm)[key]

@@ -1,7 +1,8 @@
-"""A plan is a folder: `plan.toml` and one `.npy` a motion. It says for which arm and cell it was made, and cannot be edited.
+"""A plan is a folder: `plan.toml` and one `.npy` per motion. It names the arm and cell it was made for, and cannot be edited.
 
-plan.toml begins with the SHA-256 of everything after its first line, and that holds the SHA-256 of every motion file: one changed
-byte anywhere is refused. Loading trusts nothing: sizes are checked before memory is taken, and pickled arrays are never read.
+plan.toml begins with the SHA-256 of everything after its first line, which includes the SHA-256 of every motion file, so any
+changed byte is refused. Loading trusts nothing: sizes are checked before memory is allocated, and pickled arrays are never
+read.
 """
 
 from __future__ import annotations
@@ -48,7 +49,7 @@ class Motion:
     def __post_init__(self) -> None:
         if not (isinstance(self.name, str) and re.fullmatch(NAME, self.name)):
             raise ConfigError(
-                f"motion name {self.name!r}: a name is a small letter, then small letters, digits and _, 40 at most"
+                f"motion name {self.name!r}: a name is a lower-case letter, then lower-case letters, digits and _, at most 40"
             )
         if self.kind not in KINDS:
             raise ConfigError(f"motion {self.name}: kind {self.kind!r}; known: {', '.join(KINDS)}")
@@ -82,9 +83,9 @@ class _PlanTable(BaseModel):
 
 @dataclass(frozen=True)
 class Plan:
-    """Motions for one arm, in the order in which they are recorded; `sha256` stands for every byte of the folder's content.
+    """Motions for one arm, in the order in which they are recorded; `sha256` covers every byte of the folder's content.
 
-    summary holds what the planner wants to be remembered (condition number, seed, settings); nothing in it decides anything.
+    summary: what the planner wants to keep (condition number, seed, settings); nothing depends on it.
     """
 
     arm: str
@@ -102,7 +103,7 @@ class Plan:
         return sum(m.trajectory.duration for m in self.motions)
 
     def motion(self, name: str) -> Motion:
-        """The motion of that name; ConfigError lists those there are."""
+        """The motion of that name; ConfigError lists the motions of the plan."""
         for motion in self.motions:
             if motion.name == name:
                 return motion
@@ -119,13 +120,13 @@ def write_plan(
 ) -> Plan:
     """Write `motions` into the new folder `folder` and return the plan as it reads back.
 
-    ConfigError where the folder is not empty, a name occurs twice, or a motion has another number of joints than the arm.
+    ConfigError if the folder is not empty, a name occurs twice, or a motion does not have the arm's number of joints.
     """
     if len({m.name for m in motions}) != len(motions) or not 0 < len(motions) <= MAX_MOTIONS:
         raise ConfigError(f"a plan has 1 to {MAX_MOTIONS} motions with different names; got {[m.name for m in motions]}")
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise ConfigError(
-            f"{folder}: exists and is not an empty folder; a plan is never overwritten, give a new one with --out"
+            f"{folder}: exists and is not an empty folder; a plan is never overwritten, give a new folder with --out"
         )
     folder.mkdir(parents=True, exist_ok=True)
     rows = []
@@ -150,7 +151,7 @@ def write_plan(
 
 
 def load_plan(folder: Path) -> Plan:
-    """The plan in `folder`. SafetyStop where a digest does not match, ConfigError where the content breaks another rule."""
+    """The plan in `folder`. SafetyStop if a digest does not match, ConfigError if the content breaks another rule."""
     folder = Path(folder)
     file = folder / "plan.toml"
     text, sha256 = unsealed(file, read_plan_file(file, MAX_TOML_BYTES))
@@ -171,7 +172,7 @@ def load_plan(folder: Path) -> Plan:
 
 
 def check_plan(plan: Plan, arm: Arm, cell: Cell) -> None:
-    """SafetyStop unless the plan was made for exactly this arm, these limits, this software and, where it names one, this cell."""
+    """SafetyStop unless the plan was made for exactly this arm, these limits, this software and, if it names one, this cell."""
     if (plan.arm, plan.joint_names) != (arm.name, arm.joint_names):
         raise SafetyStop(
             f"{plan.folder}: made for {plan.arm} with joints {', '.join(plan.joint_names)}; the cell {cell.name} has {arm.name} "
@@ -192,7 +193,7 @@ def check_plan(plan: Plan, arm: Arm, cell: Cell) -> None:
 
 
 def _read_motion(file: Path, row: _MotionTable, n: int) -> Trajectory:
-    """Columns t, q, dq, ddq of a motion; the shape must be the one in plan.toml before anything is allocated."""
+    """Columns t, q, dq, ddq of a motion; the shape must match plan.toml before anything is allocated."""
     shape = (row.samples, 1 + 3 * n)
     raw = read_plan_file(file, 1024 + 8 * math.prod(shape))
     if hashlib.sha256(raw).hexdigest() != row.sha256:

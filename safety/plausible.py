@@ -1,7 +1,7 @@
-"""Settings that switch a rule off by being too wide are refused; an operator lifts the refusal of one setting by its name, in the cell file.
+"""Refuses settings so wide that they switch a rule off; the operator may lift each refusal by its name in the cell file.
 
 The bounds are beyond any arm that this software is made for: the fastest joints of light servo arms, the torque of the largest
-collaborative arm (UR30: 738 N m at the shoulder), a tool's speed of 3 m/s (Franka FR3, libfranka's rate_limiting.h).
+collaborative arm (UR30: 738 N m at the shoulder), a tool speed of 3 m/s (Franka FR3, libfranka's rate_limiting.h).
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from sim.assumptions import UNUSUAL
 from sim.cell import Cell
 from sim.errors import SafetyStop
 
-# least and most of each setting, in its own unit
+# lower and upper bound of each setting, in its own unit
 BOUNDS: dict[str, tuple[float, float]] = {
     "following_error": (1e-4, 0.1),
     "following_error_max": (1e-4, 0.3),
@@ -41,7 +41,7 @@ SHAPELESS = "payload-without-shape"
 
 
 def unusual(arm: Arm, cell: Cell) -> dict[str, str]:
-    """Name of each setting beyond its bounds -> what it is and what it may be; not a number is beyond every bound."""
+    """Name of each setting beyond its bounds -> its value and its bounds; NaN is beyond every bound."""
     found: dict[str, str] = {}
     for name, label, values in _settings(arm, cell):
         least, most = BOUNDS[name]
@@ -56,22 +56,22 @@ def unusual(arm: Arm, cell: Cell) -> dict[str, str]:
 
 
 def check_plausible(arm: Arm, cell: Cell) -> None:
-    """SafetyStop that names the first setting which is beyond its bounds and which the cell file does not lift by name.
+    """SafetyStop that names the first setting beyond its bounds that the cell file does not allow by name.
 
-    A payload without a shape is one: nothing keeps what is mounted away from the arm and the cell.
+    A payload without a shape counts as one, since nothing would keep it clear of the arm and the cell.
     """
     load = cell.table.payload
     if load is not None and load.mass > 0 and not cell.table.tool and SHAPELESS not in cell.assumed:
         raise SafetyStop(
             f"{cell.path.name}: payload.mass = {load.mass:g} kg has no shape, so nothing keeps it clear of the arm and of the cell; "
-            f'describe it with [[tool]], or where it lies within the last link write assume = ["{SHAPELESS}"] at the top of the file'
+            f'describe it with [[tool]], or, if it lies within the last link, write assume = ["{SHAPELESS}"] at the top of the file'
         )
     for name, what in unusual(arm, cell).items():
         assumption = f"unusual-{name}"
         if assumption not in cell.assumed:
             file = cell.path.name if cell.path.suffix == ".toml" else "a cell file, and name it with --cell"
             raise SafetyStop(
-                f"{what}: so wide a setting switches a rule off; correct it, or where it is meant write "
+                f"{what}: so wide a setting switches a rule off; correct it, or, if it is meant, write "
                 f'assume = ["{assumption}"] at the top of {file}: it is then shown at every start and written into every log'
             )
 
@@ -99,7 +99,7 @@ def _settings(arm: Arm, cell: Cell) -> Iterator[tuple[str, str, np.ndarray]]:
 
 
 def _beside_the_model(arm: Arm) -> Iterator[tuple[str, str, bool]]:
-    """Limits of arm.toml that are wider than those of the model file, where that has any."""
+    """Limits of arm.toml that are wider than those of the model file, where it has any."""
     tree = arm.tree
     for name, own, model in (
         ("q_max", arm.q_max, tree.q_max),

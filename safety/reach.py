@@ -1,4 +1,4 @@
-"""How far and how fast points of the arm move: v = J(q) dq, largest over every link's shapes."""
+"""How far and how fast points of the arm move: v = J(q) dq, maximised over the shapes of every link."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ LOOKS = 2_000
 
 
 def spine(shape: Shape) -> tuple[np.ndarray, float]:
-    """Points (P, 3) m in the link's frame and a radius m: the shape lies in the hull of balls of that radius about the points."""
+    """Points (P, 3) m in the link's frame and a radius m: the hull of balls of that radius about the points holds the shape."""
     size = shape.size
     if shape.kind == "sphere":
         points, radius = np.zeros((1, 3)), size[0]
@@ -29,9 +29,10 @@ def spine(shape: Shape) -> tuple[np.ndarray, float]:
 
 
 def joint_reach(arm: Arm, shape: Shape) -> np.ndarray:
-    """(n,) m/rad: no point of the shape moves faster than reach_j |dq_j| because of joint j, in any configuration.
+    """(n,) m/rad: in any configuration, joint j moves no point of the shape faster than reach_j |dq_j|.
 
-    For a hinge, the farthest that a point can be from the joint: link offsets added up; 1 for a slide; 0 for joints beyond the shape.
+    For a hinge, the largest distance of a point from the joint, with link offsets added up; 1 for a slide; 0 for joints beyond
+    the shape.
     """
     tree, reach = arm.tree, np.zeros(arm.n)
     points, radius = spine(shape)
@@ -48,7 +49,7 @@ def joint_reach(arm: Arm, shape: Shape) -> np.ndarray:
 
 
 def fastest_point(motion: Trajectory, arm: Arm) -> float:
-    """m/s of the fastest point of the arm at no more than `LOOKS` samples of a motion: for people to read, `safety.loads` proves."""
+    """Speed of the arm's fastest point over at most `LOOKS` samples of a motion, m/s. For display; `safety.loads` verifies."""
     outlines = Outlines(arm)
     rows = np.unique(np.linspace(0, len(motion) - 1, LOOKS).astype(int))
     q, dq = motion.q[rows], motion.dq[rows]
@@ -57,7 +58,7 @@ def fastest_point(motion: Trajectory, arm: Arm) -> float:
 
 
 class Outlines:
-    """The shapes of moving links, each as balls of one radius about a few points whose hull holds it."""
+    """The shapes of moving links, each enclosed by the hull of balls of one radius about a few points."""
 
     def __init__(self, arm: Arm) -> None:
         self.shapes = [shape for shape in arm.tree.shapes if shape.link >= 0]
@@ -66,14 +67,14 @@ class Outlines:
         self._points, self._radii = [points for points, _ in found], np.array([radius for _, radius in found])
 
     def speeds(self, body: RigidBody, q: np.ndarray, dq: np.ndarray, width: np.ndarray, asked: np.ndarray) -> np.ndarray:
-        """(N, S) m/s of the fastest point of each shape (`RigidBody.point_speeds`), where asked (N, S)."""
+        """(N, S) m/s: speed of the fastest point of each shape (`RigidBody.point_speeds`), where asked (N, S)."""
         if not self.shapes:
             return np.zeros(asked.shape)
         return body.point_speeds(self._links, self._points, self._radii, q, dq, width, asked)
 
 
 def outline(shape: Shape) -> tuple[np.ndarray, float]:
-    """`spine` with at most eight points: of many, the corners of the box around them, whose hull holds theirs."""
+    """`spine` with at most eight points: more are replaced by the corners of their bounding box, whose hull contains theirs."""
     points, radius = spine(shape)
     if len(points) > 8:
         low, high = points.min(axis=0), points.max(axis=0)

@@ -1,4 +1,4 @@
-"""What the system grants a control loop: no garbage collection, memory that stays, real-time priority."""
+"""What the system grants a control loop: no garbage collection, locked memory, real-time priority."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 
 PRIORITY = 50
-# of a process that a loop waits for: below every loop
+# priority of a process that a loop waits for: below every loop
 ATTENTIVE = 10
 MCL_CURRENT_AND_FUTURE = 3
 
 
 def prepare() -> dict[str, bool]:
-    """Ask for all three, for this process; says which were granted. What was not granted shows in the measured latency."""
+    """Request all three for this process and return which were granted. What was not granted shows in the measured latency."""
     gc.collect()
     gc.freeze()
     gc.disable()
@@ -25,7 +25,7 @@ def prepare() -> dict[str, bool]:
 
 @contextmanager
 def prepared() -> Iterator[dict[str, bool]]:
-    """`prepare` for as long as the block lasts: a process that goes on to other work has its own priority and collector back."""
+    """`prepare` for the duration of a block; then the process gets its former priority and garbage collector back."""
     before = (os.sched_getscheduler(0), os.sched_getparam(0)) if hasattr(os, "sched_getscheduler") else None
     collecting = gc.isenabled()
     granted = prepare()
@@ -43,7 +43,7 @@ def prepared() -> Iterator[dict[str, bool]]:
 
 @contextmanager
 def unhurried() -> Iterator[None]:
-    """Ordinary priority for this thread's long work that nothing waits for, such as proofs; what it had before comes back."""
+    """Ordinary priority for this thread during long work that nothing waits for, such as proofs; then its former priority."""
     if not hasattr(os, "sched_getscheduler"):
         yield
         return
@@ -57,9 +57,9 @@ def unhurried() -> Iterator[None]:
 
 @contextmanager
 def attentive() -> Iterator[None]:
-    """Real-time priority below that of a loop for every thread there is in this process now; what each had before comes back.
+    """Real-time priority, below that of a loop, for every present thread of this process; then their former priorities.
 
-    For a process that does little, and that a loop waits for. All its threads, because each may hold the interpreter's lock.
+    For a process that does little but that a loop waits for. All its threads, because each may hold the interpreter's lock.
     """
     threads = [t.native_id for t in threading.enumerate() if t.native_id is not None]
     before = {}

@@ -1,4 +1,4 @@
-"""Where each number of a monitor cycle stands: the places of what is limited, read and remembered, in arrays made before the arm moves."""
+"""Layout of a monitor cycle's numbers: limits, readings and remembered values, in arrays allocated before the arm moves."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ NONE, ARM = -2, -1
 WINDOW = 5
 
 
-# rows of one number a joint: limits; this cycle; what is remembered
+# rows with one number per joint: limits; this cycle; remembered values
 Row = IntEnum(
     "Row",
     "Q_LO Q_HI DQ_HI JUMP DQ_DOUBT MOVING RESIDUAL STEP TAU_MAX HAS_TAU HAS_TEMPERATURE TURNED_ALLOWED NOISE CONSTANT "
@@ -17,7 +17,7 @@ Row = IntEnum(
     "SWING_LO_HAT SWING_LO SWING_HI_HAT SWING_HI SWING_DOUBT LOAD MEAN_DOUBT MEAN_LOAD",
     start=0,
 )
-# single numbers: limits; this cycle; what is remembered
+# single numbers: limits; this cycle; remembered values
 Of = IntEnum(
     "Of",
     "PERIOD LATE PAUSE_MAX GRAIN TEMPERATURE_MIN TEMPERATURE_MAX FROZEN_LEAST FROZEN_MOST BLEND SPIKE LAG CHANGED SIGMAS SWING_ROWS FOLLOWS "

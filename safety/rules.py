@@ -1,8 +1,8 @@
-"""Rules of one reading: is it sound and in time, and does the arm do what was commanded and take the torque that was expected?
+"""Rules of one reading: is it valid and in time, and does the arm do what was commanded with the torque that was expected?
 
-A function for each rule, called in the order of `safety.cycle`. It keeps what it must remember in arrays that were made before the arm moved,
-and returns NONE, or the joint at which its rule is broken (ARM where it is no joint's), with value and limit in `out`. A comparison with NaN
-is false, and every rule is written so that this breaks it.
+One function per rule, called in the order of `safety.cycle`. It keeps its state in arrays that were allocated before the arm
+moved. It returns NONE, or the joint at which its rule is broken (ARM if it is no joint's), with value and limit in `out`.
+Comparisons with NaN are false, and every rule is written so that this breaks it.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from safety.rows import ARM, NONE, Of, Row
 
 @register_jitable
 def take_torque(r):  # type: ignore[no-untyped-def]
-    """Torque from the current where only that is reported."""
+    """Torque from current where only current is reported."""
     for j in range(r.shape[1]):
         if not np.isfinite(r[Row.TAU, j]):
             r[Row.TAU, j] = r[Row.CONSTANT, j] * r[Row.CURRENT, j]
@@ -23,7 +23,7 @@ def take_torque(r):  # type: ignore[no-untyped-def]
 
 @register_jitable
 def finite(r, x, out):  # type: ignore[no-untyped-def]
-    """Angles and speeds are numbers."""
+    """Angles and speeds are finite."""
     for j in range(r.shape[1]):
         if not np.isfinite(r[Row.Q, j] + r[Row.DQ, j]):
             return j
@@ -32,7 +32,7 @@ def finite(r, x, out):  # type: ignore[no-untyped-def]
 
 @register_jitable
 def device_time(r, x, out):  # type: ignore[no-untyped-def]
-    """0 < time since the reading before <= late."""
+    """0 < time since the previous reading <= late, or <= the longest pause after a pause."""
     step = x[Of.T_DEVICE] - x[Of.LAST_T]
     out[0], out[1] = step, x[Of.LATE]
     return NONE if 0 < step <= (x[Of.PAUSE_MAX] if x[Of.PAUSED] > 0 else x[Of.LATE]) else ARM
@@ -40,7 +40,7 @@ def device_time(r, x, out):  # type: ignore[no-untyped-def]
 
 @register_jitable
 def age(r, x, out):  # type: ignore[no-untyped-def]
-    """The reading is no older than late, and at most a period from the future."""
+    """The reading is no older than late, and at most one period in the future."""
     old = x[Of.NOW] - x[Of.T]
     out[0], out[1] = old, x[Of.LATE]
     return NONE if -x[Of.PERIOD] <= old <= x[Of.LATE] else ARM
@@ -48,7 +48,7 @@ def age(r, x, out):  # type: ignore[no-untyped-def]
 
 @register_jitable
 def temperature(r, x, out):  # type: ignore[no-untyped-def]
-    """Of joints that report one."""
+    """Temperature within its range, of joints that report one."""
     for j in range(r.shape[1]):
         if r[Row.HAS_TEMPERATURE, j] > 0 and not x[Of.TEMPERATURE_MIN] <= r[Row.TEMPERATURE, j] <= x[Of.TEMPERATURE_MAX]:
             out[0], out[1] = r[Row.TEMPERATURE, j], x[Of.TEMPERATURE_MAX]
@@ -58,7 +58,7 @@ def temperature(r, x, out):  # type: ignore[no-untyped-def]
 
 @register_jitable
 def jump(r, x, out):  # type: ignore[no-untyped-def]
-    """|q - q before| <= 1.5 dq_max h + grain."""
+    """|q - previous q| <= 1.5 dq_max h + grain, h the time between the two, at most late."""
     step = min(x[Of.T_DEVICE] - x[Of.LAST_T], x[Of.LATE])
     for j in range(r.shape[1]):
         moved, allowed = abs(r[Row.Q, j] - r[Row.LAST_Q, j]), r[Row.JUMP, j] * step + x[Of.GRAIN]
@@ -92,9 +92,9 @@ def speed(r, x, out):  # type: ignore[no-untyped-def]
 
 @register_jitable
 def following_error(r, x, path, out):  # type: ignore[no-untyped-def]
-    """|q - the point of the path of the last LATE s from which the joint that is farthest from it is least far| <= room.
+    """|q - p| <= room for every joint, p the point of the path of the last LATE s at which the largest of these is smallest.
 
-    path (K, 2 n + 1): where each step of it began, the step, and one over its square.
+    path (K, 2 n + 1): start of each step of the path, the step, and one over its square.
     """
     n, row = r.shape[1], int(x[Of.COUNT]) % len(path)
     square = 0.0
@@ -156,7 +156,7 @@ def torque(r, x, out):  # type: ignore[no-untyped-def]
 
 @register_jitable
 def sudden_torque(r, x, out):  # type: ignore[no-untyped-def]
-    """The residual less its mean of a while before: of one joint for one reading up to SPIKE times what is allowed."""
+    """The residual less its recent mean is within what is allowed; one joint may reach SPIKE times that for one reading."""
     n, within, broken = r.shape[1], 0, NONE
     for j in range(n):
         residual = r[Row.TAU, j] - r[Row.TAU_HAT, j] if r[Row.HAS_TAU, j] > 0 else 0.0
@@ -177,9 +177,10 @@ def sudden_torque(r, x, out):  # type: ignore[no-untyped-def]
 
 @register_jitable
 def lost_load(r, x, out):  # type: ignore[no-untyped-def]
-    """Readings in a row in which the mean residual is beyond its doubt, and what is left without the declared load is within it.
+    """Counts successive readings whose mean residual is beyond its doubt, but within it without the declared load.
 
-    All three are means over the while of `sudden_torque`. At a joint beyond its doubt, what is left is also small beside the load.
+    Residual, doubt and load are means over the time of `sudden_torque`. At a joint beyond its doubt, what remains without the
+    load must also be small compared with the load.
     """
     blend, beyond, fits = x[Of.BLEND] if x[Of.LOAD_BEGUN] > 0 else 1.0, NONE, True
     for j in range(r.shape[1]):

@@ -1,4 +1,4 @@
-"""What a run is doing: the motion, the share of it that is done, and how long the rest will take."""
+"""Progress of a run: the motion, the share of it that is done, and the time left."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from sim.joint_state import JointState
 
 @dataclass(frozen=True)
 class RunProgress:
-    """What the run is doing: the motion in words, the share of it that is done, and the guard's cycle.
+    """Progress of a run: the motion in words, the share of it that is done, and the guard's cycle.
 
-    stage of stages, driven at `speed`; duration s of the motion and left s of the whole run; readings so far and how many of them the
-    device's clock says are missing.
+    stage of stages, driven at `speed`; duration s of the motion; left s of the whole run; frames, the readings so far; lost,
+    the readings missing by the device's clock.
     """
 
     what: str
@@ -31,7 +31,7 @@ class RunProgress:
 
 
 class ProgressOfRun:
-    """Shows `watch` every cycle of the guard together with what the run is doing; left s are those of all legs at their speeds."""
+    """Passes every cycle of the guard to `watch` with the progress of the run; left: s of the legs after the current one."""
 
     def __init__(self, watch: Callable[[RunProgress], None], rate: float) -> None:
         self._watch, self._rate = watch, rate
@@ -40,7 +40,7 @@ class ProgressOfRun:
         self.what, self.stage, self.left = "", (0, 0, 1.0), 0.0
 
     def cycle(self, cycle: Cycle) -> None:
-        """One cycle of the leg `what` in `stage`: its number, of how many, and its speed."""
+        """Report one cycle of the leg `what`; `stage` holds its number, the number of stages, and the speed."""
         self._frames += 1
         since = cycle.state.t_device - self._last_device_time
         if cycle.k and since == since:
@@ -54,7 +54,7 @@ class ProgressOfRun:
 
 @dataclass(frozen=True)
 class Cycle:
-    """What the loop shows those who watch: sample k of count, the last reading, and the last command."""
+    """One cycle as a watcher gets it: sample k of count, the last reading, and the last command."""
 
     k: int
     count: int

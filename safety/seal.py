@@ -1,4 +1,4 @@
-"""A text file whose first line holds the SHA-256 of the rest: one changed byte anywhere is refused. And the files beside it."""
+"""A text file whose first line holds the SHA-256 of the rest, so that any changed byte is refused; and the files beside it."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from sim.files import as_text, read_bytes
 
 
 def sealed(body: str) -> bytes:
-    """`body` below a first line that holds its SHA-256."""
+    """`body` preceded by a line that holds its SHA-256."""
     return f'sha256 = "{hashlib.sha256(body.encode()).hexdigest()}"\n{body}'.encode()
 
 
 def unsealed(file: Path, raw: bytes, remedy: str = "make it again") -> tuple[str, str]:
-    """(text, sha256) of a sealed file; SafetyStop where the seal does not match the content."""
+    """(text, sha256) of a sealed file; SafetyStop if the seal does not match the content."""
     first, _, rest = raw.partition(b"\n")
     digest = hashlib.sha256(rest).hexdigest()
     if first != f'sha256 = "{digest}"'.encode():
@@ -25,9 +25,9 @@ def unsealed(file: Path, raw: bytes, remedy: str = "make it again") -> tuple[str
 
 
 def read_plan_file(file: Path, most: int, remedy: str = "make the plan again with `calib plan`") -> bytes:
-    """The content of a file of a plan folder. A link is refused: what it points to may be anybody's."""
+    """The content of a file of a plan folder. Links are refused: anybody may own what they point to."""
     if os.path.islink(file):
         raise ConfigError(
-            f"{file}: not a regular file; a plan folder holds plan.toml and one .npy a motion, no links; {remedy}"
+            f"{file}: not a regular file; a plan folder holds plan.toml and one .npy per motion, no links; {remedy}"
         )
     return read_bytes(file, most, remedy=remedy)

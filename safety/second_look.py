@@ -1,4 +1,4 @@
-"""What the monitor process requires of a stage at every reading: of the arm, of the guard's commands, and of the guard's stop."""
+"""What the monitor process requires at every reading of a stage: of the arm, the guard's commands and the guard's stop."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ from sim.arm import Arm
 from sim.cell import Cell
 from sim.joint_state import JointState
 
-# s after which a stopping arm must be slower than when its stop began, and after which it must stand
+# s after which a stopping arm must be slower than when its stop began, and after which it must be at rest
 SLOWER_AFTER = 0.4
 REST_AFTER = 4.0
 
 
 class Watch:
-    """The rules of one stage. `look` at every reading; `trip` is why the guard was asked to stop, None as long as it was not."""
+    """The rules of one stage. Call `look` at every reading; `trip` is why the guard was asked to stop, or None."""
 
     def __init__(
         self, arm: Arm, cell: Cell, rate: float, clearance: Clearance, first: JointState, latency: float, tube: VerifiedSamples
     ) -> None:
         self.trip: str | None = None
-        self.deaf = ""  # why no reading comes
+        self.deaf = ""  # why no readings arrive
         self._monitor = Monitor(arm, cell, rate, clearance, first, latency)
         self._tube, self._silence = tube, silence_of(rate, latency)
         self._steps = 1 + int(np.ceil(self._silence * rate))
@@ -37,7 +37,7 @@ class Watch:
         self._tripped_at = self._stopping_since = self._fastest = np.inf
 
     def look(self, state: JointState | None, now: float, sign: Sign) -> str | None:
-        """Why the arm must be taken from the guard now, or None. state is None where no reading came."""
+        """Why the arm must be taken from the guard now, or None. state: None if no reading arrived."""
         if sign.k in (STOPS, ENDED):
             return self._stopping(state, now)
         if not now - sign.at <= self._silence:
@@ -46,19 +46,19 @@ class Watch:
             self.trip = self._rules(state, now, sign)
             self._tripped_at = now
         elif not now - self._tripped_at <= self._silence:
-            return f"the guard did not stop within {1e3 * self._silence:.0f} ms although: {self.trip}"
+            return f"the guard did not stop within {1e3 * self._silence:.0f} ms after: {self.trip}"
         return None
 
     @property
     def at_rest(self) -> bool:
-        """Whether the arm was seen to stand after the guard began to stop it, or ended."""
+        """Whether the arm was seen at rest after the guard began to stop it, or ended."""
         return self._still >= STANDING_CYCLES
 
     def _stopping(self, state: JointState | None, now: float) -> str | None:
         if self.at_rest:
             return None
         speed = np.inf if state is None else float(np.max(np.abs(state.dq)))
-        stands = state is not None and bool((np.abs(state.dq) <= self._noise).all())  # once may be a turn
+        stands = state is not None and bool((np.abs(state.dq) <= self._noise).all())  # a single one may be a reversal
         self._still = self._still + 1 if stands else 0
         if self._stopping_since == np.inf:
             self._stopping_since, self._fastest = now, speed
@@ -70,9 +70,9 @@ class Watch:
         return None
 
     def _rules(self, state: JointState | None, now: float, sign: Sign) -> str | None:
-        """The first rule that is broken, as a sentence."""
+        """The first broken rule as a sentence, or None."""
         if state is None:
-            return f"the monitor process hears no readings any more: {self.deaf}"
+            return f"the monitor process receives no more readings: {self.deaf}"
         found = None
         if sign.k != HOLDS:
             found = self._tube.sample(sign.leg, sign.k)

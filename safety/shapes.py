@@ -1,4 +1,4 @@
-"""Bodies for distances: the shapes of links, obstacles, and the tool with what it holds. Meshes are taken as their convex hulls, which are never smaller."""
+"""Bodies for distances: link shapes, obstacles, tool and what it holds. Meshes become convex hulls, which are no smaller."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ Obstacle = BoxObstacle | PlaneObstacle | MeshObstacle
 
 
 def link_body(shape: Shape, where: str) -> coal.CollisionGeometry:
-    """The body of a shape of a link; ConfigError where a size or a place is none."""
+    """The body of a link's shape; ConfigError if a size or a place is invalid."""
     size = shape.size
     counts = {"capsule": 2, "cylinder": 2, "sphere": 1, "box": 3, "mesh": 0}
     used = np.array(size[: counts[shape.kind]])
     _check_sizes(used, f"{where}: shape {shape.name}")
     if not (np.all(np.isfinite(shape.rotation)) and np.all(np.isfinite(shape.position))):
-        raise ConfigError(f"{where}: shape {shape.name} stands at a place that is not finite; correct its pos and quat")
+        raise ConfigError(f"{where}: shape {shape.name} has a place that is not finite; correct its pos and quat")
     if shape.kind == "capsule":
         return coal.Capsule(size[0], 2 * size[1])
     if shape.kind == "cylinder":
@@ -42,7 +42,7 @@ def link_body(shape: Shape, where: str) -> coal.CollisionGeometry:
 
 
 def obstacle_body(obstacle: Obstacle, cell: Cell, where: str) -> tuple[coal.CollisionGeometry, pin.SE3]:
-    """The body of an obstacle and where it stands; ConfigError where a size, a place or a mesh is none."""
+    """The body of an obstacle and its placement; ConfigError if a size, a place or a mesh is invalid."""
     position = np.array(obstacle.position, dtype=float)
     if not np.all(np.abs(position) <= FARTHEST):
         raise ConfigError(f"{where}: stands at {position.tolist()} m, farther than {FARTHEST:g} m (millimetres?)")
@@ -62,7 +62,7 @@ def obstacle_body(obstacle: Obstacle, cell: Cell, where: str) -> tuple[coal.Coll
 
 
 def equipped(arm: Arm, cell: Cell) -> Arm:
-    """The arm with the shapes of the cell's [[tool]] on its last link, named `tool NAME`; ConfigError where one is no body."""
+    """The arm with the cell's [[tool]] shapes on its last link, named `tool NAME`; ConfigError if a mesh cannot be read."""
     shapes = tuple(_tool_shape(tool, arm.n - 1, cell) for tool in cell.table.tool)
     if not shapes or any(s.name.startswith(TOOL) for s in arm.tree.shapes):
         return arm
@@ -86,7 +86,7 @@ def _tool_shape(tool: ToolBox | ToolCapsule | ToolMesh, link: int, cell: Cell) -
 
 
 def _towards(direction: np.ndarray) -> np.ndarray:
-    """A rotation whose third column is a unit vector."""
+    """A rotation whose third column is the unit vector `direction`."""
     across = np.cross(direction, np.eye(3)[int(np.argmin(np.abs(direction)))])
     across /= np.linalg.norm(across)
     return np.column_stack((across, np.cross(direction, across), direction))
@@ -100,7 +100,7 @@ def _check_sizes(size: np.ndarray, where: str) -> None:
 
 
 def mesh_vertices(content: bytes, name: str, where: str) -> np.ndarray:
-    """(V, 3) m of the content of an STL or OBJ file, read by MuJoCo's own readers."""
+    """Vertices (V, 3) m of the content of an STL or OBJ file, read by MuJoCo."""
     name = Path(name).name
     spec = mujoco.MjSpec()
     spec.add_mesh(name="mesh", file=name, inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL)
@@ -109,14 +109,14 @@ def mesh_vertices(content: bytes, name: str, where: str) -> np.ndarray:
         spec.assets = {name: content}
         model = spec.compile()
     except (ValueError, mujoco.FatalError) as error:
-        raise ConfigError(f"{where}: {name} is not a mesh that MuJoCo reads: {str(error).strip()}") from error
+        raise ConfigError(f"{where}: {name} is not a mesh that MuJoCo can read: {str(error).strip()}") from error
     rotation = np.zeros(9)
     mujoco.mju_quat2Mat(rotation, model.mesh_quat[0])
     return np.asarray(model.mesh_vert, dtype=float) @ rotation.reshape(3, 3).T + model.mesh_pos[0]
 
 
 def hull(vertices: np.ndarray, where: str) -> coal.CollisionGeometry:
-    """The convex hull of (V, 3) points, after refusing points that are not finite, flat or not in metres."""
+    """The convex hull of (V, 3) points; ConfigError if they are not finite, lie in one plane, or are not in metres."""
     if not (vertices.ndim == 2 and vertices.shape[1] == 3 and len(vertices) >= 4 and np.all(np.isfinite(vertices))):
         raise ConfigError(
             f"{where}: {vertices.shape} points, all finite: {bool(np.all(np.isfinite(vertices)))}; at least 4 are needed"

@@ -1,7 +1,7 @@
 """What an arm may do, as boxes of angle, speed and acceleration: the motion itself, and our stop from all of it.
 
-A sheet is a grid (K, M): row k begins at sample k, or anywhere in the period after it; column m is a stage of what follows. Every state
-that can be passed through lies in its cell's box: bounds of each joint, proved from the profile or by interval arithmetic.
+A sheet is a grid (K, M). Row k begins at sample k, or anywhere in the period after it; column m is a stage of what follows.
+Every state that can occur lies in its cell's box. The bounds of each joint follow from the profile or from interval arithmetic.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from sim.trajectory import Trajectory
 
 STAGES = 16
 PARTS = 8
-# a stage of a stop lasts about as long as so many rows: rows are merged first
+# a stage of a stop lasts about as long as this many rows, so rows are merged first
 ROWS_FIRST = 8
 PATH_PARTS = 16
 
@@ -31,11 +31,11 @@ class Boxes:
     hi: np.ndarray
 
     def finite(self) -> bool:
-        """Whether every bound is a number, and no lower one above its upper one."""
+        """Whether every bound is finite and no lower one is above its upper one."""
         return bool(np.all(np.isfinite(self.lo) & np.isfinite(self.hi) & (self.lo <= self.hi)))
 
     def paired(self, rows: int, stages: int) -> Boxes:
-        """Boxes around `rows` (1 or 2) rows and `stages` (1 or 2) stages each; the last one may hold fewer."""
+        """Boxes that enclose `rows` (1 or 2) rows and `stages` (1 or 2) stages each; the last one may hold fewer."""
         lo, hi = self.lo, self.hi
         for axis, count in ((0, rows), (1, stages)):
             if count == 2:
@@ -44,7 +44,7 @@ class Boxes:
 
 
 class Sheet(Protocol):
-    """A grid of boxes, also merged into larger and larger ones."""
+    """A grid of boxes, also merged into ever larger ones."""
 
     levels: list[tuple[int, int, Boxes]]
 
@@ -58,12 +58,12 @@ class Sheet(Protocol):
         ...
 
     def refined(self, k: int, m: int) -> Boxes:
-        """P parts, lo hi (P, 3, n), that together hold the motion in cell (k, m)."""
+        """P parts, lo hi (P, 3, n), that together cover the motion in cell (k, m)."""
         ...
 
 
 class Merged:
-    """The sheet's own boxes first, each later level merged from the one before: (rows, stages) of the sheet in one box, and the boxes."""
+    """Levels of boxes, the sheet's own first, each merged from the one before: (rows, stages of the sheet per box, boxes)."""
 
     levels: list[tuple[int, int, Boxes]]
 
@@ -85,18 +85,18 @@ class Merged:
 
 
 class PathSheet(Merged):
-    """The motion itself: one row for each period between two samples that are sent, one column."""
+    """The motion itself: one row per period between two samples that are sent, one column."""
 
     def __init__(self, sent: Trajectory, arm: Arm) -> None:
         self._sent = sent
         h = np.diff(sent.t)[:, None]
-        # within h the cubic chord of q departs by h^2/8 max|ddq|, that of dq by h^2/8 max|jerk|, that of ddq by h/2 max|jerk|
+        # within h, q departs from its chord by at most h^2/8 max|ddq|, dq by h^2/8 max|jerk|, ddq by h/2 max|jerk|
         self._bulge = np.stack((arm.ddq_max * h**2 / 8, arm.jerk_max * h**2 / 8, arm.jerk_max * h / 2), axis=1)
         q, dq, ddq = (np.stack((x[:-1], x[1:])) for x in (sent.q, sent.dq, sent.ddq))
         self._merge(*(bound for x, b in zip((q, dq, ddq), range(3), strict=True) for bound in hull(x, self._bulge[:, b])))
 
     def time(self, k: int) -> float:
-        """Beginning of row k, s."""
+        """Start of row k, s."""
         return float(self._sent.t[k])
 
     def refined(self, k: int, m: int) -> Boxes:
@@ -108,7 +108,7 @@ class PathSheet(Merged):
 
 
 class OwnStops(Merged):
-    """Our stop from every sample, by p_max (n,) rad/s^2 at the most: row k begins at sample k, column m is its m-th share of time."""
+    """Our stop from every sample, by at most p_max (n,) rad/s^2: row k begins at sample k, column m is its m-th time slice."""
 
     def __init__(self, sent: Trajectory, arm: Arm, p_max: np.ndarray) -> None:
         self._sent, self._arm = sent, arm
@@ -118,7 +118,7 @@ class OwnStops(Merged):
 
     @property
     def softest(self) -> OwnStops:
-        """Itself, for it is the stop that is driven. Not an attribute: megabytes that refer to themselves stay until they are looked for."""
+        """Itself: the stop that is driven. Not an attribute: a reference to itself keeps megabytes until garbage collection."""
         return self
 
     def _bounds(self, rows: slice, share: np.ndarray) -> tuple[np.ndarray, ...]:
@@ -128,7 +128,7 @@ class OwnStops(Merged):
         travel, dq, ddq = part.state(t)
         bulge = self._arm.ddq_max * ((self.duration[rows] * (share[1] - share[0])) ** 2)[:, None, None] / 8
         sign, begin, end = part.sign, t[:, :-1], t[:, 1:]
-        # along the direction of the stop, acceleration falls to -p, stays and rises to 0; speed is largest where it passes 0
+        # along the direction of the stop, acceleration falls to -p, stays and rises to 0; speed is largest where it crosses 0
         a_lo, a_hi = _ends(sign * ddq)
         a_lo = np.where((end >= part.t1) & (begin <= part.t1 + part.t2), np.minimum(a_lo, -part.p), a_lo)
         v_lo, v_hi = _ends(sign * dq)
@@ -139,7 +139,7 @@ class OwnStops(Merged):
         return q_lo - bulge, q_hi + bulge, *_signed(sign, v_lo, v_hi), *_signed(sign, a_lo, a_hi)
 
     def time(self, k: int) -> float:
-        """Instant at which stop k begins, s."""
+        """Start of stop k, s."""
         return float(self._sent.t[k])
 
     def refined(self, k: int, m: int) -> Boxes:
@@ -157,14 +157,14 @@ class OwnStops(Merged):
 
 
 def part_of(bounds: tuple[np.ndarray, ...]) -> Boxes:
-    """The parts of one row, from bounds (1, P, n)."""
+    """The parts of one row as boxes, from bounds (1, P, n)."""
     shape = np.broadcast_shapes(*(b.shape for b in bounds))
     rows = [np.broadcast_to(b, shape)[0] for b in bounds]
     return Boxes(np.stack(rows[0::2], axis=1), np.stack(rows[1::2], axis=1))
 
 
 def _pairs(grid: np.ndarray, axis: int, of: np.ufunc) -> np.ndarray:
-    """Two neighbours each along an axis reduced to one; an odd last one stays."""
+    """Every two neighbours along an axis reduced to one; an odd last one stays."""
     grid = np.moveaxis(grid, axis, 0)
     even = len(grid) // 2 * 2
     out = of(grid[0:even:2], grid[1:even:2])
@@ -174,7 +174,7 @@ def _pairs(grid: np.ndarray, axis: int, of: np.ufunc) -> np.ndarray:
 
 
 def hull(ends: np.ndarray, bulge: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Bounds (K, 1, n) of what lies between both ends (2, K, n), up to `bulge` beside the chord."""
+    """Bounds (K, 1, n) of what lies between both ends (2, K, n), up to `bulge` off the chord."""
     return (ends.min(axis=0) - bulge)[:, None], (ends.max(axis=0) + bulge)[:, None]
 
 

@@ -1,15 +1,16 @@
 """How fast torque can change with angle, speed and acceleration, in any posture and for every parameter set of the box.
 
-With R_i (of body l) the farthest that the centre of mass of body l can be from joint i (links stretched out; 1 of a slide at least), which
-falls along the chain, m its largest mass and I its largest moment of inertia, sums over the bodies that all the joints named move:
+R_i (of body l) is the largest distance of the centre of mass of body l from joint i (links stretched out; at least 1 for a
+slide). It falls along the chain. m is the body's largest mass, I its largest moment of inertia. Sums are over the bodies that
+all the named joints move:
   |M_ij|          <= B_ij  = sum m R_i R_j + I
-  |dM_ij / dq_k|  <= D_ijk = 0 for k <= min(i,j): what it moves moves as one;
+  |dM_ij / dq_k|  <= D_ijk = 0 for k <= min(i,j), since everything after k moves as one;
                              sum m (R_min(i,j) + R_k) R_max(i,j) + I for k up to max(i,j), sum m R_k (R_i + R_j) + 2 I beyond
   |c_i|           <= sum_jm A_ijm |dq_j| |dq_m|,  A_ijm = sum m R_i R_max(j,m) + 2 I
   |dc_i / dq_k|   <= sum_jm E_ijmk |dq_j| |dq_m|,  E_ijmk = 0 for k <= min(i,j,m), else
                      sum m (R_max(i,k) R_max(j,m) + [min(j,m) >= k] R_i R_max(j,m) + R_i R_max(j,m,k)) + 6 I
   |dg_i / dq_k|   <= G_ik  = g sum m R_max(i,k), 0 where k turns nothing against gravity
-Turning joint k moves a body by R_k a rad and turns what it carries; what lies before it stays.
+Turning joint k moves a body by R_k per rad and turns what it carries; what comes before it stays.
 """
 
 from __future__ import annotations
@@ -22,7 +23,9 @@ from sim.cell import Cell
 
 
 class Slopes:
-    """B's part beyond the nominal masses `doubt` (n, n), D (n, n, n), A (n, n, n), E (n, n, n, n) and G (n, n), SI units."""
+    """In SI units: `doubt` (n, n), the part of B beyond the nominal masses; `inertia` D (n, n, n), `coriolis` A (n, n, n),
+    `moving` E (n, n, n, n) and `gravity` G (n, n).
+    """
 
     def __init__(self, arm: Arm, cell: Cell) -> None:
         n, prior = arm.n, arm.prior
@@ -50,7 +53,7 @@ class Slopes:
         self.gravity *= _against_gravity(arm)
 
     def by_angle(self, dq: np.ndarray, ddq: np.ndarray) -> np.ndarray:
-        """(C, n, n): bound of |dtau_i / dq_k| for speeds up to dq (C, n) and accelerations up to ddq (C, n)."""
+        """Bound (C, n, n) of |dtau_i / dq_k| for speeds up to dq (C, n) and accelerations up to ddq (C, n)."""
         count, n = dq.shape
         pairs = (dq[:, :, None] * dq[:, None, :]).reshape(count, n * n)
         turned = pairs @ self.moving.transpose(1, 2, 0, 3).reshape(n * n, n * n) + ddq @ self.inertia.transpose(
@@ -59,12 +62,12 @@ class Slopes:
         return self.gravity[None] + turned.reshape(count, n, n)
 
     def by_speed(self, dq: np.ndarray, width: np.ndarray) -> np.ndarray:
-        """(C, n): bound of the change of torque where speeds up to dq (C, n) change by up to width (C, n)."""
+        """Bound (C, n) of the change of torque if speeds up to dq (C, n) change by up to width (C, n)."""
         return 2 * np.einsum("ijk,cj,ck->ci", self.coriolis, dq, width, optimize=True)
 
 
 def _bodies(arm: Arm, cell: Cell) -> list[tuple[int, float, np.ndarray, float, float, float]]:
-    """(link, mass kg, com m, moment of inertia kg m^2, share by which the mass may be larger, m by which the com may be off)."""
+    """(link, mass kg, com m, moment of inertia kg m^2, share by which mass may be larger, m by which com may be off)."""
     tree, prior = arm.tree, arm.prior
     out = []
     for link, (mass, com, inertia) in enumerate(zip(tree.mass, tree.com, tree.inertia, strict=True)):
@@ -78,16 +81,16 @@ def _bodies(arm: Arm, cell: Cell) -> list[tuple[int, float, np.ndarray, float, f
 
 
 def _against_gravity(arm: Arm) -> np.ndarray:
-    """(n, n) 0 or 1: whether joint k changes the weight's torque at joint i.
+    """(n, n) of 0 or 1: whether joint k changes the gravity torque at joint i.
 
-    None does about an upright axis that nothing tilts, nor does that axis; a slide changes only where its weight pulls at joints before it,
-    and what hangs on a slide may be anywhere.
+    No joint changes it at a vertical axis that nothing tilts, and such an axis changes it at no joint. A slide changes it only
+    at joints before it, and its own gravity force is changed only by joints before it.
     """
     tree, n = arm.tree, arm.n
     out, pull = np.ones((n, n)), float(np.linalg.norm(tree.gravity))
     upright: dict[int, np.ndarray] = {
         -1: np.eye(3)
-    }  # link that nothing tilts -> its rotation at zero, but for turns about gravity
+    }  # link that nothing tilts -> its rotation at zero, up to turns about gravity
     for j in range(n):
         before = upright.get(int(tree.parent[j]))
         axis = None if before is None else before @ tree.rotation[j] @ tree.axis[j]
@@ -103,7 +106,7 @@ def _against_gravity(arm: Arm) -> np.ndarray:
 
 
 def distances(arm: Arm, link: int, far: float) -> tuple[np.ndarray, np.ndarray]:
-    """R (n,) m that a point `far` m from a link's origin can be from every joint that moves it, and which those are (n,) 0 or 1."""
+    """R (n,) m: how far a point `far` m from a link's origin can be from each joint that moves it; and those, (n,) 0 or 1."""
     tree, r, chain = arm.tree, np.zeros(arm.n), np.zeros(arm.n)
     while link >= 0:
         if tree.prismatic[link]:

@@ -1,4 +1,4 @@
-"""A plan is driven slowly first: 10, 25, 50, then 100 % of its speed, the path kept, each stage a condition of the next."""
+"""A plan runs slowly first: at 10, 25, 50, then 100 % of its speed on the same path. Each stage must pass before the next."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from sim.errors import SafetyStop
 from sim.finite import real_array
 
 STAGES = (0.1, 0.25, 0.5, 1.0)
-# Share of the allowed torque residual above which no faster stage is begun
+# Share of the allowed torque residual above which no faster stage begins
 RESIDUAL_SHARE = 0.8
 
 
 @dataclass(frozen=True)
 class StageResult:
-    """How closely the arm followed at one speed: worst following error (n,) rad, worst torque residual (n,) share of tau_max."""
+    """Worst following error (n,) rad and worst torque residual (n,), as a share of tau_max, at one speed."""
 
     speed: float
     following_error: tuple[float, ...]
@@ -32,11 +32,11 @@ class StageResult:
 
 
 def gate(result: StageResult, faster: float, arm: Arm, cell: Cell, room: float) -> None:
-    """SafetyStop unless what was seen at one speed lets expect that the next stays inside its limits.
+    """SafetyStop unless the result at one speed predicts that the next stage stays within its limits.
 
-    Following error grows with speed, so it is scaled by the ratio of speeds; room rad is what is proved beside the path at the next
-    speed. A torque residual is a wrong model at any speed. Refused as well: a result that misses a joint, a speed that is not below
-    `faster`, a room that is no number.
+    Following error grows with speed, so it is scaled by the ratio of speeds. room rad is what is verified beside the path at
+    the next speed. A torque residual means a wrong model at any speed. Also refused: a result without all joints, a speed not
+    below `faster`, and a room that is negative or NaN.
     """
     seen, residual = real_array(result.following_error, "following error"), real_array(result.residual, "residual")
     for what, values in (("following error", seen), ("residual", residual)):
@@ -55,15 +55,15 @@ def gate(result: StageResult, faster: float, arm: Arm, cell: Cell, room: float) 
     if not (error <= limit).all():
         j = int(np.argmax(error))
         raise SafetyStop(
-            f"{arm.joint_names[j]}: following error {result.following_error[j]:.4g} rad at {result.speed:.0%} of the speed lets expect "
-            f"{error[j]:.4g} rad at {faster:.0%}, more than {limit:g}; plan a slower motion or one further from itself and from "
-            f"the obstacles, or raise motion.following_error_max in {cell.path.name} if the arm really follows so badly"
+            f"{arm.joint_names[j]}: following error {result.following_error[j]:.4g} rad at {result.speed:.0%} of the speed predicts "
+            f"{error[j]:.4g} rad at {faster:.0%}, more than {limit:g}; plan a slower motion or one further from the arm itself and "
+            f"the obstacles, or raise motion.following_error_max in {cell.path.name} if the arm really follows so poorly"
         )
     most = RESIDUAL_SHARE * RESIDUAL
     if not (residual <= most).all():
         j = int(np.argmax(residual))
         raise SafetyStop(
-            f"{arm.joint_names[j]}: torque is {residual[j]:.0%} of its maximum away from expectation at {result.speed:.0%} of the speed, "
+            f"{arm.joint_names[j]}: torque differs from expectation by {residual[j]:.0%} of its maximum at {result.speed:.0%} of the speed, "
             f"more than {most:.0%}; declare the payload that is really mounted, check the mounting, or look for contact"
         )
 
@@ -71,7 +71,7 @@ def gate(result: StageResult, faster: float, arm: Arm, cell: Cell, room: float) 
 def stages_due(plan: Plan, arm: Arm, cell: Cell, audit: Path) -> tuple[float, ...]:
     """The stages that this plan still has to pass in this cell: all of them before its first full run, then only the last.
 
-    The mock and an emulated controller need none: nothing stands beside them.
+    The mock and an emulated controller need only the last, because no arm moves.
     """
     if without_arm(cell):
         return STAGES[-1:]

@@ -1,4 +1,4 @@
-"""Who may ask for a stop: signals, a released dead-man key, a heartbeat that has ended."""
+"""Sources of a stop request: signals, a released dead-man key, a heartbeat that has ended."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ HEARTBEAT = 0.15
 
 
 class StopSignals:
-    """While entered, SIGINT, SIGTERM and SIGHUP ask for a stop and do nothing else, however often they come.
+    """While entered, SIGINT, SIGTERM and SIGHUP request a stop and do nothing else, however often they come.
 
-    In a thread other than the main one no handler can be set; such a caller brings its own sources.
+    Handlers can be set only in the main thread; a caller in another thread provides its own sources.
     """
 
     def __init__(self) -> None:
@@ -43,19 +43,19 @@ class StopSignals:
         self._asked.append(signal.Signals(number))
 
     def reason(self) -> str | None:
-        """The first signal's name, or None."""
+        """The first signal as a reason in words, or None."""
         return REASONS[self._asked[0]] if self._asked else None
 
     @property
     def interrupted(self) -> bool:
-        """Whether Ctrl-C was among them, with which alone a person says that an arm that is held may be let go."""
+        """Whether SIGINT was among them. Only by Ctrl-C does a person confirm that a held arm may be let go."""
         return signal.SIGINT in self._asked
 
 
 class Heartbeat:
-    """Asks for a stop once `beat` was not called for `limit` s: a dead-man key that was released, or a watcher that died.
+    """Requests a stop once `beat` was not called for `limit` s: a released dead-man key, or a dead watcher.
 
-    What was missed once stays missed: a heartbeat that returns does not take the stop back.
+    A heartbeat that returns does not cancel the stop.
     """
 
     def __init__(self, what: str, limit: float = HEARTBEAT, clock: Clock | None = None) -> None:
@@ -63,7 +63,7 @@ class Heartbeat:
         self._last, self._missed = self._clock.now(), False
 
     def beat(self) -> None:
-        """Still held, still alive."""
+        """Report that the key is still held, or the watcher alive."""
         self._last = self._clock.now()
 
     def reason(self) -> str | None:
@@ -74,7 +74,7 @@ class Heartbeat:
 
 
 def first_reason(*sources: Callable[[], str | None]) -> Callable[[], str | None]:
-    """One source out of several: the first reason that any of them has."""
+    """Several sources as one: the first reason that any of them has."""
 
     def reason() -> str | None:
         for source in sources:

@@ -1,8 +1,8 @@
-"""The stop that is driven when something is wrong: along the path where that keeps every limit, else each joint by itself.
+"""The stop that is commanded after a fault: along the path where that keeps every limit, otherwise each joint by itself.
 
-Along the path: q(s(t)) with ds/dt going from 1 to 0 by a jerk-limited profile, so the arm stays where clearance is proved. By
-itself: the jerk-limited stop of `safety.braking`, which was proved from every sample, no harder than the torque allows. Both end at rest; both are computed from what
-was last commanded, never from the reading that may be wrong.
+Along the path: q(s(t)), where a jerk-limited profile takes ds/dt from 1 to 0, so that the arm stays where clearance is
+verified. By itself: the jerk-limited stop of `safety.braking`, no harder than the torque allows, which was verified from every
+sample. Both end at rest. Both start from the last command, never from the reading, which may be wrong.
 """
 
 from __future__ import annotations
@@ -17,14 +17,14 @@ from safety.limits import ROUNDING, sampled
 from sim.arm import Arm
 from sim.trajectory import Trajectory
 
-# How much longer than the stop of each joint by itself a stop along the path may take
+# Durations tried for a stop along the path, relative to the stop of each joint by itself
 PATIENCE = (1.1, 1.5)
 STANDING = 1e-9
 
 
 @dataclass(frozen=True)
 class Stop:
-    """Commands of a stop at the control rate, from the period after the last command: q dq (M, n); the last one is at rest."""
+    """Commands q dq (M, n) of a stop at the control rate, from one period after the last command; the final one is at rest."""
 
     kind: str
     q: np.ndarray
@@ -38,7 +38,7 @@ class Stop:
 
 
 def stop_from(motion: ClearedTrajectory, k: int, arm: Arm) -> Stop:
-    """The stop after sample k of a cleared motion was sent."""
+    """The stop that follows sample k of a cleared motion."""
     period = 1.0 / motion.rate
     if k >= len(motion) - 1 and np.all(np.abs(motion.dq[-1]) <= STANDING):
         return Stop("at the end of the motion", motion.q[-1:], np.zeros((1, arm.n)), period)
@@ -55,9 +55,9 @@ def stop_from(motion: ClearedTrajectory, k: int, arm: Arm) -> Stop:
 
 
 def _along(motion: ClearedTrajectory, k: int, arm: Arm, time: float, period: float) -> Stop | None:
-    """The stop along the path in `time` s or up to a period more, or None where it would leave a limit or the path ends before it."""
+    """The stop along the path in `time` s, or up to a period more; None if it would exceed a limit or the path is too short."""
     count = int(np.ceil(time / period))
-    time = count * period  # ends with a command: a last step of less than a rounding error is none
+    time = count * period  # end on a command: a last step shorter than a rounding error is not one
     peak = 4 / (3 * time)
     slow = stop_profile(np.ones((1, 1)), np.zeros((1, 1)), np.full(1, peak), np.full(1, 4 * peak / time))
     t = np.arange(1, count + 1)[:, None] * period

@@ -1,9 +1,10 @@
-"""How far the torque beside expectation may move within FAST seconds on a sound arm; what moves it further is a blow or a lost load.
+"""How far the torque residual of a healthy arm can change within FAST s; a larger change is an impact or a lost load.
 
-The residual r = tau - tau_hat = Y dpi is linear in what is not known of the parameters, and so is a first-order high-pass H:
-|H r| = |(H Y) dpi| <= |H Y| delta. However badly the masses are known, that is small where the arm has hardly turned within FAST.
-To it come a torque that answers up to LATE after the command, and dry friction that turns round with its joint up to LATE after it.
-What friction with memory, and any other effect, may be beside its expectation, h, moves it by no more than h and its mean: h + (1 - H) h.
+The residual r = tau - tau_hat = Y dpi is linear in the parameter error dpi, and so is its first-order high-pass H r. Hence
+|H r| = |(H Y) dpi| <= |H Y| delta. However uncertain the masses are, this is small if the arm hardly turns within FAST.
+Added to it are a torque that responds up to LATE after the command, and dry friction that reverses up to LATE after its joint.
+If friction with memory, or any other effect, may deviate from its expectation by h, that adds at most h plus its mean:
+h + (1 - H) h.
 """
 
 from __future__ import annotations
@@ -24,15 +25,15 @@ from sim.torque_box import CREEP
 from sim.trajectory import Trajectory
 
 FAST = 0.1
-# Servo loops follow late (UR servoj: its lookahead time, 0.1 s)
+# s by which servo loops may lag (UR servoj: its lookahead time, 0.1 s)
 LATE = 0.1
-# dry friction that no parameter states, share of tau_max
+# dry friction that no parameter covers, share of tau_max
 UNSTATED = 0.05
 CHUNK = 5_000
 
 
 def sudden_change(motion: Trajectory, arm: Arm, cell: Cell) -> np.ndarray:
-    """(N, n) N m that bound |H r| at each sample of a motion that is sampled evenly; noise is not in it."""
+    """(N, n) N m: bound of |H r| at each sample of an evenly sampled motion, without noise."""
     body, (_, delta), known = RigidBody(arm), parameter_box(arm, cell), TorqueBounds(arm, cell, doubt=False)
     rate = (len(motion) - 1) / float(motion.t[-1] - motion.t[0])
     friction, dq, ddq, gain = friction_of(arm), motion.dq, motion.ddq, np.ones(arm.n)
@@ -52,13 +53,16 @@ def sudden_change(motion: Trajectory, arm: Arm, cell: Cell) -> np.ndarray:
     out = gain * out + 2 * beside - high_pass(beside, rate)[0]
     turning = np.where(np.abs(dq) < CREEP, 2.0, np.abs(high_pass(np.sign(dq), rate)[0]))
     dry = gain * (2 * friction.coulomb + friction.coulomb_doubt) + UNSTATED * arm.tau_max
-    # What answers late is filtered late: H and a delay may be swapped. How late dry friction turns round stands in `turning` already.
+    # H commutes with a delay, so a late response is filtered late. The delay of dry friction is already in `turning`.
     late = high_pass(tau - gain * friction.coulomb * slip.middle, rate)[0]
     return out + _largest(late, rate) + _largest(-late, rate) + dry * _largest(turning, rate)
 
 
 def high_pass(x: np.ndarray, rate: float, memory: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
-    """x less its mean over about FAST s before: s_k = s_{k-1} + b (x_k - s_{k-1}), b = 1 / (rate FAST), s_0 = x_0; and what to go on with."""
+    """x less its mean s over about the last FAST s: s_k = s_{k-1} + b (x_k - s_{k-1}), b = 1 / (rate FAST), s_0 = x_0.
+
+    Also returns the last s_k, to continue with.
+    """
     slow = (x[0] if memory is None else memory).ravel().copy()
     fast = _less_its_mean(np.ascontiguousarray(x).reshape(len(x), -1), blend(rate), slow)
     return fast.reshape(x.shape), slow
@@ -66,7 +70,7 @@ def high_pass(x: np.ndarray, rate: float, memory: np.ndarray | None = None) -> t
 
 @numba.njit(cache=True)
 def _less_its_mean(x: np.ndarray, b: float, slow: np.ndarray) -> np.ndarray:
-    """x (N, M) less the mean, which goes on from `slow` (M,), in place."""
+    """x (N, M) less the running mean, which continues from `slow` (M,) and updates it in place."""
     out = np.empty_like(x)
     for k in range(x.shape[0]):
         for i in range(x.shape[1]):
@@ -81,6 +85,6 @@ def blend(rate: float) -> float:
 
 
 def _largest(x: np.ndarray, rate: float) -> np.ndarray:
-    """The largest of each column within LATE before each sample."""
+    """The largest value of each column within LATE before each sample."""
     window = 2 * max(1, round(LATE * rate / 2)) + 1
     return maximum_filter1d(x, window, axis=0, origin=window // 2, mode="nearest")

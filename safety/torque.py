@@ -1,7 +1,7 @@
 """|tau| <= tau_max and sum |tau dq| <= power_max for every parameter set that the arm may have, at every sample that is sent.
 
-`safety.bounds` has the interval of torque over the box of parameters, with every effect of the arm's file. Between two sent samples half
-the step from one to the next is added.
+`safety.bounds` has the interval of torque over the box of parameters, with every effect of the arm's file. Half the step to the
+neighbouring sample is added, to cover the time between two samples.
 """
 
 from __future__ import annotations
@@ -21,16 +21,17 @@ from sim.trajectory import Trajectory
 CHUNK = 20_000
 # Universal Robots' safety presets allow up to 1000 W of mechanical power ("least restricted"), the usual preset 300 W
 POWER_MAX = 1000.0
-# s: windings of servo drives take about a minute and more to warm up (thermal time constants of catalogue servo motors, 30 s to 60 min),
-# so that a shorter peak above the continuous torque does no harm
+# s: windings of servo drives take about a minute or more to warm up (thermal time constants of catalogue servo motors, 30 s to
+# 60 min), so a shorter peak above the continuous torque does no harm
 WARMING = 30.0
 
 
 @dataclass(frozen=True)
 class Torque:
-    """tau_hat (N, n) N m that the drives should report, friction included; doubt (N, n) N m half-width of its interval.
+    """tau_hat (N, n) N m: what the drives should report, friction included; doubt (N, n) N m: half-width of its interval.
 
-    most (N, n) N m: the largest torque of the motor, or of its reading, which its drive counts; limit (n,) N m that it delivers.
+    most (N, n) N m: the largest torque of the motor, or of its reading, which its drive counts; limit (n,) N m: what it
+    delivers.
     """
 
     tau_hat: np.ndarray
@@ -42,9 +43,9 @@ class Torque:
 def torque_interval(
     motion: Trajectory, arm: Arm, cell: Cell, bounds: TorqueBounds | None = None, beside: float = 0.0
 ) -> Torque:
-    """Expected torque of each sample and the half-width of its interval over the parameter box; `bounds` saves building it again.
+    """Expected torque of each sample and half-width of its interval over the parameter box; `bounds` saves building them again.
 
-    `most` is that of joints which may be `beside` rad beside the motion.
+    `most` is for joints that may be `beside` rad off the motion.
     """
     bounds = bounds or TorqueBounds(arm, cell)
     tau_hat, doubt, most = np.empty_like(motion.q), np.empty_like(motion.q), np.empty_like(motion.q)
@@ -60,7 +61,7 @@ def torque_interval(
 
 
 def check_torque(motion: Trajectory, torque: Torque, arm: Arm) -> dict[str, float]:
-    """Refuse a motion whose torque, RMS torque or power interval leaves the limits; returns the largest share of each that is used."""
+    """SafetyStop if torque, RMS torque or power may exceed its limit; returns the largest share of each limit that is used."""
     worst = torque.most + _half_steps(torque.tau_hat)
     inside = np.isfinite(worst) & (worst <= torque.limit)
     if not inside.all():
@@ -83,7 +84,7 @@ def check_torque(motion: Trajectory, torque: Torque, arm: Arm) -> dict[str, floa
         j = int(np.argmin(inside))
         raise SafetyStop(
             f"{arm.joint_names[j]}: RMS torque up to {rms[j]:.4g} N m over {min(WARMING, motion.duration):.3g} s exceeds the {rated[j]:.4g} N m "
-            f"that its drive holds for any time (torque_continuous); plan a slower motion, or one about a posture that needs less to hold"
+            f"that its drive can hold indefinitely (torque_continuous); plan a slower motion, or one about a posture that needs less torque"
             f"{missing_facts(arm, j)}"
         )
     return {
@@ -98,7 +99,7 @@ def suffices(motion: Trajectory, arm: Arm, cell: Cell) -> bool:
 
 
 def largest_rms(t: np.ndarray, torque: np.ndarray) -> np.ndarray:
-    """(n,) the largest RMS over any WARMING s of torque (N, n) at t (N,), or over all of it where it is shorter."""
+    """(n,): largest RMS over any WARMING s of torque (N, n) at t (N,), or over all of it if it is shorter."""
     energy = np.vstack(
         (np.zeros((1, torque.shape[1])), np.cumsum(np.diff(t)[:, None] * np.maximum(torque[1:], torque[:-1]) ** 2, axis=0))
     )

@@ -1,4 +1,4 @@
-"""Why a motion was stopped: one sentence for people, and the numbers for machines."""
+"""Why a motion was stopped: one sentence for people, numbers for machines."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ STANDING = "standing"  # the stop of an arm that did not move
 
 @dataclass(frozen=True)
 class Trip:
-    """A rule that was broken: joint (or None), quantity, its value and limit in `unit`, and what to look for."""
+    """A broken rule: joint (or None), quantity, its value and limit in `unit`, and what to check."""
 
     quantity: str
     value: float | str
@@ -31,9 +31,9 @@ class Trip:
 
 @dataclass(frozen=True)
 class Standstill:
-    """How the arm came to rest: which stop, s from the reading that showed the fault to standstill, rad travelled by each joint.
+    """How the arm came to rest: the stop, s from the reading that showed the fault to standstill, rad travelled by each joint.
 
-    Angles are counted from the last good reading; predicted_angle rad is that of the commanded stop.
+    Angles count from the last good reading; predicted_angle rad is that of the commanded stop.
     """
 
     stop: str
@@ -44,7 +44,7 @@ class Standstill:
 
 
 class MotionStopped(SafetyStop):
-    """A motion that was stopped on the way, with the trip, how the arm came to rest, and the last samples before."""
+    """Raised for a motion that was stopped on the way; holds the trip, how the arm came to rest, and the last samples."""
 
     def __init__(self, trip: Trip, t: float, standstill: Standstill, samples: tuple[JointState, ...], where: str) -> None:
         by = "" if standstill.stop == STANDING else f"{standstill.stop}, "
@@ -73,7 +73,7 @@ class LastSamples:
     states: list[JointState] = field(default_factory=list)
 
     def add(self, state: JointState) -> None:
-        """Keep one more reading, forget the oldest."""
+        """Keep one more reading; old ones are dropped."""
         self.states.append(state)
         if len(self.states) > 2 * self.most:
             del self.states[: -self.most]

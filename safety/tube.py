@@ -1,11 +1,12 @@
-"""The tube that an arm stays in: its path, both stops from every instant of it, and so far beside them as every limit is still kept.
+"""The tube that an arm stays in: its path, both stops from every instant of it, and the room beside them within every limit.
 
-For each sample that is sent comes out `room`, rad: while every joint is within it of one point of the path of the last LATE s, the arm
-keeps its clearance, its range, its torque, its power and its point speed, in the motion and in either stop. The monitor stops the arm
-where the following error is larger. Less than `motion.following_error` of the cell, the error that must be expected, is a refusal.
+The result is `room`, rad, for each sample sent. While every joint is within it of one point of the path of the last LATE s, the
+arm keeps its clearance, range, torque, power and point speed, in the motion and in either stop. The monitor stops the arm if
+the following error is larger. A room below the cell's `motion.following_error`, the error that must be expected, is refused.
 
-A stop is as hard as the torque allows, over the whole box of parameters: by less than the arm's ddq_max where that needs more than
-tau_max, and by any deceleration between the device's own and what the torque suffices for where the device stops by itself.
+A stop is as hard as the torque allows over the whole box of parameters. Our stop uses less than the arm's ddq_max if that
+needs more than tau_max. The device's own stop is covered at any deceleration from the one that the torque suffices for to its
+own.
 """
 
 from __future__ import annotations
@@ -28,18 +29,18 @@ from sim.cell import Cell
 from sim.errors import SafetyStop
 from sim.trajectory import Trajectory
 
-# shares of the deceleration that are tried, the hardest first
+# shares of the deceleration that are tried, hardest first
 SHARES = (1.0, 0.7, 0.5, 0.35, 0.25)
 ROWS = 2_000
-# times the least room: more than that is not looked for where torque and speed are checked
+# multiple of the least room beyond which the checks of torque and speed look for no more
 ENOUGH = 3.0
 
 
 @dataclass(frozen=True)
 class Tube:
-    """room (N,) rad at each sample; braking (n,) rad/s^2 of our stop; stop_time s and stop_angle rad, the longest of both stops.
+    """room (N,) rad at each sample; braking (n,) rad/s^2 of our stop; stop_time s and stop_angle rad: longest of both stops.
 
-    device_share of its own deceleration is what the torque suffices for where the device stops by itself.
+    device_share: share of the device's own deceleration that the torque suffices for.
     """
 
     room: np.ndarray
@@ -49,14 +50,14 @@ class Tube:
     stop_angle: float
 
     def monitored(self, rate: float) -> np.ndarray:
-        """(N,) rad: the least room of the path of the last LATE s, where a late arm may still be, and up to the next sample."""
+        """(N,) rad: least room on the path of the last LATE s, where a lagging arm may still be, and up to the next sample."""
         window = 2 * (max(2, round(LATE * rate)) // 2 + 1) + 1
         behind = minimum_filter1d(self.room, window, origin=window // 2, mode="nearest")
         return np.minimum(behind, np.append(self.room[1:], self.room[-1]))
 
 
 class _Prover:
-    """What is proved of one motion, and the room that it leaves."""
+    """What is verified of one motion, and the room that it leaves."""
 
     def __init__(self, sent: Trajectory, arm: Arm, cell: Cell, clearance: Clearance) -> None:
         self.sent, self.arm, self.clearance, self.loads = sent, arm, clearance, Loads(arm, cell)
@@ -71,18 +72,18 @@ class _Prover:
         self.stop_time = self.stop_angle = 0.0
 
     def path(self) -> None:
-        """The motion itself."""
+        """Verify the motion itself."""
         sheet = PathSheet(self.sent, self.arm)
         self._keep(0, sheet, "the motion", self.loads.room(sheet, "the motion", self.least, self.enough))
 
     def stops(self, what: str, sheets: Callable[[float], Iterator[tuple[int, OwnStops | DeviceStops]]]) -> float:
-        """One kind of stop from the whole motion; the largest share of its deceleration for which the torque suffices."""
+        """Verify one kind of stop from the whole motion; return the largest share of its deceleration that torque allows."""
         for share in SHARES:
             before = self.room.copy(), self.stop_time, self.stop_angle
             try:
                 for first, sheet in sheets(share):
                     if share != SHARES[-1] and self.loads.hopeless(sheet.softest):
-                        raise NotEnough(f"{what}: by {share:g} of its deceleration the torque does not suffice")
+                        raise NotEnough(f"{what}: the torque does not suffice for {share:g} of its deceleration")
                     self._stop(first, sheet, what)
                 return share
             except NotEnough:
@@ -110,20 +111,20 @@ class _Prover:
             np.minimum(part, room, out=part)
 
     def _range(self, sheet: PathSheet | OwnStops | DeviceStops, what: str) -> np.ndarray:
-        """(K,) rad to the nearer end of a joint's range."""
+        """(K,) rad: distance to the nearest end of a joint's range."""
         free = np.minimum(sheet.boxes.lo[:, :, 0] - self.arm.q_min, self.arm.q_max - sheet.boxes.hi[:, :, 0]).min(axis=1)
         fine = free >= self.least
         if not fine.all():
             k, j = np.argwhere(~fine)[0]
             raise SafetyStop(
                 f"{self.arm.joint_names[j]}: {what} at t={sheet.time(k):.4f} s comes within {free[k, j]:.4g} rad of the end of its range, "
-                f"and a following error of {self.least:g} rad must be expected; plan a motion further from the limit"
+                f"but a following error of {self.least:g} rad must be expected; plan a motion further from the limit"
             )
         return np.asarray(free.min(axis=1))
 
 
 def tube_of(sent: Trajectory, arm: Arm, cell: Cell, clearance: Clearance, stop: DeviceStop, latency: float) -> Tube:
-    """The tube of the samples that will be sent; SafetyStop where less room than the cell's following_error is proved anywhere."""
+    """The tube of the samples to be sent; SafetyStop if less room than the cell's following_error is verified anywhere."""
     prover = _Prover(sent, arm, cell, clearance)
     prover.path()
 
@@ -139,7 +140,7 @@ def tube_of(sent: Trajectory, arm: Arm, cell: Cell, clearance: Clearance, stop: 
 
 
 def _parts(sent: Trajectory, shared: int) -> Iterator[tuple[int, Trajectory]]:
-    """Pieces of at most ROWS rows with the sample at which each begins; `shared` samples more at its end, which the next one has too."""
+    """Pieces of at most ROWS rows, each with its first sample's index; the next piece has its last `shared` samples too."""
     for first in range(0, len(sent) - shared, ROWS):
         begin = max(min(first, len(sent) - 2), 0)
         rows = slice(begin, min(first + ROWS + shared, len(sent)))

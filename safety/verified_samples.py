@@ -1,4 +1,4 @@
-"""The verified motions of a stage, as the monitor process has them."""
+"""The verified motions of a stage, as the monitor process reads them."""
 
 from __future__ import annotations
 
@@ -14,9 +14,10 @@ from sim.errors import SafetyStop
 
 
 class VerifiedSamples:
-    """The verified motions of one stage, mapped read-only from a file that nobody else can open any more.
+    """The verified motions of one stage, mapped read-only from a file that is then unlinked, so that nobody else can open it.
 
-    SafetyStop where a number is not finite, leaves the arm's range or speed, or has less room beside it than the cell asks for.
+    SafetyStop if a number is not finite, if a motion leaves the arm's range or speed limit, or if it has less room than the
+    cell requires.
     """
 
     def __init__(self, file: Path, counts: Sequence[int], arm: Arm, cell: Cell, rate: float) -> None:
@@ -32,18 +33,18 @@ class VerifiedSamples:
         inside = (q >= arm.q_min).all() and (q <= arm.q_max).all() and all(f.all() for f in fast)
         if not (inside and (room >= motion.following_error * (1 - 1e-9)).all()):
             raise SafetyStop(
-                "monitor process: a verified motion leaves the arm's range, its speed, or the room that the cell asks for"
+                "monitor process: a verified motion exceeds the arm's range or speed, or has less room than the cell requires"
             )
 
     def _legs(self) -> list[tuple[int, int]]:
         return list(zip(self._begins[:-1], self._begins[1:], strict=True))
 
     def last(self, leg: int) -> list[np.ndarray]:
-        """The last command (n,) rad of a leg; none where there is no such leg."""
+        """The last command (n,) rad of a leg, in a list; an empty list if there is no such leg."""
         return [self._rows[self._begins[leg + 1] - 1, : self._n]] if 0 <= leg < len(self._begins) - 1 else []
 
     def sample(self, leg: int, k: int) -> tuple[np.ndarray, Expected] | None:
-        """The command (n,) rad of sample k of a leg and what its motion takes; None where there is no such sample."""
+        """The command (n,) rad of sample k of a leg, and what is expected there; None if there is no such sample."""
         if not (0 <= leg < len(self._begins) - 1 and 0 <= k < self._begins[leg + 1] - self._begins[leg]):
             return None
         row, n = self._rows[self._begins[leg] + k], self._n

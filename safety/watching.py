@@ -1,8 +1,9 @@
-"""The monitor process: a second look at the arm, by a connection of its own and with a stop of its own, that the guard cannot hold up.
+"""The monitor process: a second check of the arm, with a connection and a stop of its own, which the guard cannot block.
 
-It loads arm, cell, plan and approval itself, maps the verified motions of a stage read-only, and checks every reading that it hears with
-the rules of `safety.monitor`. What it finds it shows to the guard, whose stop is the better one. Where the guard is silent, or
-goes on, or its stop does not end, it brakes the arm itself and ends the control process. The guard stops where the monitor process is silent.
+It loads arm, cell, plan and approval itself, maps the verified motions of a stage read-only, and checks every reading that it
+receives with the rules of `safety.monitor`. It reports what it finds to the guard, whose stop is the better one. If the guard
+is silent or continues, or its stop does not end, the monitor process brakes the arm itself and ends the control process. The
+guard stops if the monitor process is silent.
 """
 
 from __future__ import annotations
@@ -43,7 +44,7 @@ KEPT = 1 << 20  # cycles whose time is kept
 
 @dataclass(frozen=True)
 class Task:
-    """What the monitor process loads by itself, and whom it watches."""
+    """What the monitor process loads itself, and the PID of the control process that it watches."""
 
     plan: Path
     cell: Path
@@ -54,7 +55,7 @@ class Task:
 
 
 def watch(task: Task, signs: Signs, talk: Connection) -> None:
-    """The monitor process, until the control process has ended or was ended. What it cannot do it says to the control process."""
+    """Run the monitor process until the control process has ended or was ended. Its errors go to the control process."""
     os.setsid()
     control = os.pidfd_open(task.control)
     try:
@@ -80,7 +81,7 @@ def watch(task: Task, signs: Signs, talk: Connection) -> None:
             driver.halt()
         except DeviceError as error:
             reason = f"{reason}; {error}"
-        # whoever finds the device stopped closes the log and says why; who hangs does not
+        # a control process that finds the device stopped closes the log and reports why; a hung one does not
         if not select.select([control], [], [], GRACE)[0]:
             _end(control)
         record(task.audit, "monitor took over", datetime.now(UTC), reason=reason)
@@ -94,13 +95,13 @@ def watch(task: Task, signs: Signs, talk: Connection) -> None:
 
 
 def _end(process: int) -> None:
-    """SIGKILL to the process of a pidfd, where there still is one."""
+    """Send SIGKILL to the process of a pidfd, if it still exists."""
     with suppress(ProcessLookupError):
         signal.pidfd_send_signal(process, signal.SIGKILL)
 
 
 def figures(spent: np.ndarray) -> dict[str, float]:
-    """Number of cycles, and p50, p99.9 and the largest of their CPU and of the wall time from arrival to verdict (K, 2) s, us."""
+    """Number of cycles, and p50, p99.9 and maximum, us, of their CPU time and wall time from arrival to verdict (K, 2) s."""
     rows = zip(("p50", "p99.9", "max"), 1e6 * np.percentile(spent, [50, 99.9, 100], axis=0), strict=True)
     return {"cycles": len(spent)} | {
         f"{name}{of} us": float(x) for name, row in rows for of, x in zip(("", " wall"), row, strict=True)
@@ -113,30 +114,30 @@ class _Process:
     def __init__(self, arm: Arm, cell: Cell, driver: Driver, signs: Signs, talk: Connection, clearance: Clearance) -> None:
         self._arm, self._cell, self._driver, self._signs, self._talk = arm, cell, driver, signs, talk
         self._clearance, self._listens = clearance, False
-        self._per_cycle = 0.0  # s of CPU of this process, all threads, in the last stage
+        self._per_cycle = 0.0  # s of CPU per cycle, all threads of this process, in the last stage
 
     def run(self) -> str:
-        """Stage after stage, and at last why the arm must be taken from the guard. EOFError where the control process has ended."""
+        """Run stage after stage; return why the arm must be taken from the guard. EOFError if the control process has ended."""
         while True:
             order = Order(**read(self._talk))
             tube = VerifiedSamples(Path(order.file), order.counts, self._arm, self._cell, order.rate)
             write(self._talk, True)
             while self._signs.last().k == ENDED:
                 if self._talk.poll(POLL):
-                    read(self._talk)  # nothing is sent before the stage ends: the other end is closed
+                    read(self._talk)  # nothing is sent before the stage ends, so the other end is closed
             reason, spent = self._stage(order, tube)
             if reason is not None:
                 return reason
             write(self._talk, figures(spent) | {"process us": 1e6 * self._per_cycle})
 
     def _stage(self, order: Order, tube: VerifiedSamples) -> tuple[str | None, np.ndarray]:
-        """Why the arm must be taken from the guard, or None; s of each cycle (K, 2): CPU, and from the reading's arrival to the verdict."""
+        """Why the arm must be taken from the guard, or None; and s of each cycle (K, 2): CPU, and from arrival to verdict."""
         spent, count, cpu = np.zeros((KEPT, 2)), 0, time.process_time()
         rules = Watch(
             self._arm, self._cell, order.rate, self._clearance, self._newest(order.rate, order.latency), order.latency, tube
         )
         clock = self._driver.clock
-        state: JointState | None = self._newest(order.rate, order.latency)  # what came while the rules were made is old
+        state: JointState | None = self._newest(order.rate, order.latency)  # readings from while the rules were built are old
         while True:
             state = self._heard(state, rules)
             begin, now, sign = time.thread_time(), clock.now(), self._signs.last()
@@ -153,9 +154,9 @@ class _Process:
                 read(self._talk)  # as above: the control process has ended
 
     def _newest(self, rate: float, latency: float) -> JointState:
-        """Begin to listen, or pass over what was heard while nobody looked; DeviceError where nothing new comes within SEEN_TIME."""
+        """Start listening, or skip readings that waited meanwhile; DeviceError if no current one arrives within SEEN_TIME."""
         if not self._listens:
-            # drives that answer a hung program no more must not be waited for longer than that program
+            # drives no longer answer if the program that polls them hangs: wait no longer for them than for that program
             self._driver.listen(silence_of(rate, latency))
             self._listens = True
         clock, end = self._driver.clock, self._driver.clock.now() + SEEN_TIME
@@ -163,14 +164,14 @@ class _Process:
         while not clock.now() - state.t <= 2.0 / rate:
             if not clock.now() < end:
                 raise DeviceError(
-                    f"for {SEEN_TIME:g} s every reading was heard later than {2e3 / rate:.3g} ms after it came; this computer is busy: "
+                    f"for {SEEN_TIME:g} s every reading was received more than {2e3 / rate:.3g} ms after it came; this computer is busy: "
                     "stop other work on it"
                 )
             state = self._driver.read()
         return state
 
     def _heard(self, last: JointState | None, rules: Watch) -> JointState | None:
-        """The next reading; none from the first on that did not come."""
+        """The next reading; None from the first one on that does not arrive."""
         if last is None:
             time.sleep(POLL)
             return None

@@ -1,4 +1,4 @@
-"""Which part of a motion is recorded, and what its log says of readings that did not come."""
+"""The recorded part of a motion, and the log entry for missing readings."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from sim.joint_state import JointState
 
 @dataclass(frozen=True)
 class Window:
-    """What part of a motion is recorded: samples first to last (excluded), into `recording`."""
+    """The part of a motion that goes into `recording`: samples first to last, last excluded."""
 
     recording: Recording
     first: int
@@ -18,8 +18,8 @@ class Window:
 
 
 def mark_gap(record: Recording, before: JointState, state: JointState, rate: float) -> None:
-    """Readings that did not come, by the device's clock, as an event in the log; how long a gap may be the monitor says."""
+    """Log readings that are missing by the device's clock as an event; the monitor limits the length of a gap."""
     missing = round((state.t_device - before.t_device) * rate) - 1
     if missing > 0:
         gap = 1e3 * (state.t_device - before.t_device)
-        record.event(WARN, "gap", f"{missing} readings are missing: {gap:.0f} ms between two", state.t_device)
+        record.event(WARN, "gap", f"{missing} readings are missing: {gap:.0f} ms between two readings", state.t_device)

@@ -74,7 +74,7 @@ def test_lines_cannot_be_taken_out_or_put_in(trail: Path, damage: str) -> None:
 def test_nothing_is_added_to_a_trail_whose_end_was_changed(trail: Path) -> None:
     raw = trail.read_bytes()
     trail.write_bytes(raw[:-4] + b'x"}\n')
-    with pytest.raises(SafetyStop, match="its hash does not fit"):
+    with pytest.raises(SafetyStop, match="its hash does not match"):
         record(trail, "run begins")
 
 
@@ -94,9 +94,9 @@ def test_a_forged_line_that_is_no_entry_is_named(trail: Path, body: bytes) -> No
     """Whoever can write the file can also make a hash that fits."""
     a, *_ = trail.read_bytes().splitlines(keepends=True)
     trail.write_bytes(a + body[:-1] + b', "sha256": "' + hashlib.sha256(body).hexdigest().encode() + b'"}\n')
-    with pytest.raises(SafetyStop, match=r"audit\.jsonl:2: is no entry with number, at, event, facts, previous"):
+    with pytest.raises(SafetyStop, match=r"audit\.jsonl:2: is not an entry with number, at, event, facts, previous"):
         verify(trail)
-    with pytest.raises(SafetyStop, match="its last line: is no entry"):
+    with pytest.raises(SafetyStop, match="its last line: is not an entry"):
         record(trail, "run begins")
 
 
@@ -108,7 +108,7 @@ def test_a_line_is_added_without_reading_those_before_the_last(tmp_path: Path) -
     whole = file.read_bytes()
     file.write_bytes(b"?" * (len(whole) - LONGEST - 2) + whole[-LONGEST - 2 :])
     record(file, "run completed")
-    with pytest.raises(SafetyStop, match=":1: its hash does not fit"):
+    with pytest.raises(SafetyStop, match=":1: its hash does not match"):
         verify(file)
 
 

@@ -60,7 +60,7 @@ def test_one_pair_that_is_too_near_is_refused_beside_others_that_are_not(arm: Ar
 def test_what_is_not_too_near_but_cannot_be_decided_is_reported_so(arm: Arm, cell: Cell) -> None:
     clearance = Clearance(arm, cell)
     motion = deep(clearance, 0.0002, 0.002)
-    with pytest.raises(SafetyStop, match="not decided to"):
+    with pytest.raises(SafetyStop, match="undecided to within"):
         certify(clearance, PathSheet(motion, arm), "the motion", 0.02, 0.1)
 
 

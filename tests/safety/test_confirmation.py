@@ -51,7 +51,7 @@ def test_yes_without_a_person_is_only_for_cells_without_an_arm(cell: Cell, drive
     if none:
         check_yes(given)
     else:
-        with pytest.raises(SafetyStop, match="a person has to confirm"):
+        with pytest.raises(SafetyStop, match="a person must confirm"):
             check_yes(given)
 
 
@@ -87,7 +87,7 @@ def test_any_other_answer_is_no(cell: Cell, answer: str) -> None:
 @pytest.mark.parametrize("stream", [None, io.StringIO("test-cell is empty\n")])
 def test_where_an_arm_may_stand_a_terminal_answers(cell: Cell, stream: io.StringIO | None) -> None:
     require_person(cell_with(cell, "mock"), stream)
-    with pytest.raises(SafetyStop, match="a person has to confirm at a terminal"):
+    with pytest.raises(SafetyStop, match="a person must confirm at a terminal"):
         require_person(cell_with(cell, "ur_rtde", host="192.168.0.10"), stream)
 
 

@@ -81,5 +81,5 @@ def test_a_view_that_cannot_be_written_any_more_is_a_stop_with_that_reason() -> 
         raise BrokenPipeError(errno.EPIPE, "Broken pipe")
 
     assert control._watched(Hung(), answer, board, lambda: None, watch, Signs(6, context)) == ("done", "stopped")
-    assert board.stop_requested() == "the run could not be shown any more (Broken pipe)"
+    assert board.stop_requested() == "the run can no longer be shown (Broken pipe)"
     theirs.close()

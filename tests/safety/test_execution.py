@@ -132,7 +132,7 @@ def test_a_stage_that_followed_badly_lets_no_faster_one_begin(arm: Arm, tmp_path
             "[[obstacles]]", "[motion]\nfollowing_error = 0.0001\nfollowing_error_max = 0.0003\n[[obstacles]]", 1
         ),
     )
-    with pytest.raises(SafetyStop, match="at 10% of the speed lets expect"):
+    with pytest.raises(SafetyStop, match="at 10% of the speed predicts"):
         go(tmp_path, arm, strict, [short()], stages=STAGES)
     assert (tmp_path / "run" / "rehearsal-10" / "probe.mcap").exists()
     assert not (tmp_path / "run" / "rehearsal-25").exists()

@@ -190,7 +190,7 @@ def test_a_joint_that_goes_on_trembling_is_given_to_the_devices_stop(
 @pytest.mark.parametrize(
     ("later", "message"),
     [
-        (lambda s: replace(s, q=s.q * np.nan), "the stop met a reading during the stop is not complete"),
+        (lambda s: replace(s, q=s.q * np.nan), "the stop failed: a reading during the stop is not complete"),
         (lambda s: replace(s, status=Status.PROTECTIVE_STOP), "temperature"),
     ],
 )

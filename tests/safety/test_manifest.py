@@ -161,7 +161,7 @@ def test_effects_that_are_gone_are_counted(place: Path, motion: Trajectory) -> N
     none = cell.table.model_copy(update={"emulation": table.emulation.model_copy(update={"effects": []})})
     before, now = (manifest_of(plan, arm, replace(cell, table=t)) for t in (table, none))
     with pytest.raises(
-        SafetyStop, match=r"another cell\.emulation\.effects \(2 in all\) than there is now \(none\).*`calib record --approve`"
+        SafetyStop, match=r"another cell\.emulation\.effects \(2 in all\), now it is none.*`calib record --approve`"
     ):
         require_same(before, now, "approved")
 

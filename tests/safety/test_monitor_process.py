@@ -122,7 +122,7 @@ def test_readings_that_end_are_shown_to_the_guard(beside: Beside, cleared: Clear
         assert time.monotonic() < end
         beside.show(HOLDS, cleared.q[0])
         time.sleep(0.005)
-    reason = "the monitor process found: the monitor process hears no readings any more: nothing is heard any more"
+    reason = "the monitor process found: the monitor process receives no more readings: nothing is heard any more"
     assert beside.link.reason() == reason
     beside.show(ENDED, cleared.q[0])
     assert beside.link.end()["cycles"] > 0
@@ -199,5 +199,5 @@ def test_readings_that_are_always_late_are_waited_for_no_longer_than_the_guard_w
     monkeypatch.setattr(watching, "SEEN_TIME", 0.05)
     ear = Ear(arm, cell, lambda: state_at(0, t=time.monotonic() - late))
     process = watching._Process(arm, cell, ear, Signs(6, CONTEXT), talk[1], clearance)
-    with pytest.raises(DeviceError, match="every reading was heard later than 40 ms after it came"):
+    with pytest.raises(DeviceError, match="every reading was received more than 40 ms after it came"):
         process._newest(RATE, 0.1)

@@ -64,7 +64,7 @@ def _stuck(arm, distance, margin=0.0, asked=0.003):
 def test_kin_that_overlap_in_most_postures_and_leave_no_room_for_a_motion_are_left_out(arm):
     found = _stuck(arm, lambda q: 0.004 - 0.01 * abs(q[1]))
     assert "2000 postures" in found[0]
-    assert "at most 4.0 mm apart, and a motion needs 3.0 mm" in found[0]
+    assert "at most 4.0 mm apart, but a motion needs 3.0 mm" in found[0]
 
 
 @pytest.mark.parametrize(

@@ -137,7 +137,7 @@ def test_motions_are_checked_before_anything_is_written(tmp_path: Path, arm: Arm
         write_plan(tmp_path / "a", arm, [Motion("friction", "friction", short)])
     with pytest.raises(ConfigError, match="different names"):
         write_plan(tmp_path / "b", arm, [])
-    with pytest.raises(ConfigError, match="small letter"):
+    with pytest.raises(ConfigError, match="lower-case letter"):
         Motion("../x", "friction", motion)
     with pytest.raises(ConfigError, match="kind"):
         Motion("x", "dance", motion)  # type: ignore[arg-type]

@@ -153,7 +153,7 @@ def test_readings_that_end_are_a_reason_to_stop(seen: Seen, watch: Watch) -> Non
     now = (seen.i + 1) * PERIOD
     watch.deaf = "the cable is out"
     assert watch.look(None, now, Sign(now, 0, 300, seen.motion.q[300])) is None
-    assert watch.trip == "the monitor process hears no readings any more: the cable is out"
+    assert watch.trip == "the monitor process receives no more readings: the cable is out"
 
 
 def stopping(watch: Watch, since: float, speed: float, k: int = STOPS) -> str | None:

@@ -44,7 +44,7 @@ def test_a_torque_residual_is_a_wrong_model_at_any_speed(arm: Arm, cell: Cell, s
     if passes:
         gate(result, 1.0, arm, cell, 0.1)
     else:
-        with pytest.raises(SafetyStop, match="j4: torque is"):
+        with pytest.raises(SafetyStop, match="j4: torque differs"):
             gate(result, 1.0, arm, cell, 0.1)
 
 
