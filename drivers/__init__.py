@@ -1,4 +1,4 @@
-"""How to talk to an arm: driver interface, mock, ur_rtde, can_servo, replay."""
+"""Drivers: the interface, and the drivers mock, ur_rtde, can_servo and replay."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ DRIVERS: dict[str, tuple[str, str]] = {
 def open_driver(cell: Cell, arm: Arm) -> Driver:
     """The driver that a cell names, not yet connected; `cls.from_cell(cell, arm)` checks the cell's options.
 
-    ConfigError where the cell's driver, options, home or rest do not fit.
+    ConfigError if the cell's driver, options, home or rest do not fit.
     """
     require_postures(cell, arm)
     driver: Driver = driver_class(cell.table.driver, str(cell.path)).from_cell(cell, arm)  # type: ignore[attr-defined]
@@ -31,7 +31,7 @@ def open_driver(cell: Cell, arm: Arm) -> Driver:
 
 
 def driver_class(name: str, where: str = "driver") -> type[Driver]:
-    """The class of that name, ours or a package's (entry point arm_calib.drivers); ConfigError names the nearest."""
+    """Driver class by name, built in or from a package (entry point arm_calib.drivers); ConfigError suggests the nearest name."""
     check_names("drivers", DRIVERS)
     if name in plugins("drivers"):
         found: type[Driver] = loaded(plugins("drivers")[name], Driver)

@@ -1,4 +1,4 @@
-"""The one interface to an arm, whatever is behind it."""
+"""The driver interface, the same for real, emulated and recorded arms."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ from sim.joint_state import JointState, Status
 
 @dataclass(frozen=True, slots=True)
 class DeviceInfo:
-    """What a device says of itself on connecting; recorded with every log.
+    """What a device reports about itself on connecting; recorded with every log.
 
-    payload_mass (kg) and payload_com (3,) (m, last link's frame) are what the device assumes; None where it does not report them.
-    gravity (3,) m/s^2 in the base frame, from the mounting the device assumes; None where it does not report it.
+    payload_mass (kg) and payload_com (3,) (m, last link's frame) are what the device assumes; None if it does not report them.
+    gravity (3,) m/s^2 in the base frame, from the mounting that the device assumes; None if it does not report it.
     """
 
     model: str
@@ -37,10 +37,10 @@ class DeviceInfo:
 
 @dataclass(frozen=True, slots=True)
 class Check:
-    """One question of the preflight and its answer; ok is None where the device cannot answer it.
+    """One preflight check and its result; ok is None if the device cannot answer it.
 
-    detail says what was found, with values; remedy what the operator does where the answer is no. assume is what a cell file may state
-    (sim.assumptions) so that the answer no is passed over, empty where it never is.
+    detail states what was found, with values; remedy states what the operator does if ok is False. assume is the entry of a cell file
+    (sim.assumptions) that waives a failure; empty if nothing may waive it.
     """
 
     name: str
@@ -52,10 +52,10 @@ class Check:
 
 @dataclass(frozen=True, slots=True)
 class DeviceStop:
-    """How the device brakes on its own when commanded to stop or when the link is lost; `safety.clear` proves room for it.
+    """How the device brakes by itself when commanded to stop or when the link is lost; `safety.clear` verifies the room for it.
 
-    reaction s: for so long it may go on at the last speed; deceleration rad/s^2 after that, of every joint, or with `proportional`
-    of the fastest joint while the others keep their share of its speed. The default is slower than any device that we know of.
+    It may continue at the last speed for `reaction` s. Then every joint decelerates at `deceleration` rad/s^2; with `proportional`
+    the fastest joint does, and the others keep their ratio to its speed. The default is slower than any device that we know of.
     """
 
     reaction: float = 0.1
@@ -66,19 +66,18 @@ class DeviceStop:
         if not (
             math.isfinite(self.reaction) and self.reaction >= 0 and math.isfinite(self.deceleration) and self.deceleration > 0
         ):
-            raise ConfigError(
-                f"{self}: reaction is not negative, deceleration is above zero, both finite; state the device's own"
-            )
+            raise ConfigError(f"{self}: needs a finite reaction >= 0 and a finite deceleration > 0; state those of the device")
 
 
 class Driver(ABC):
-    """connect, read, send, stop, close; a context manager that connects and closes.
+    """Driver of one arm: connect, read, send, stop, close. As a context manager it connects and closes.
 
-    `rate` is the control and sampling rate, Hz; `clock` is the host clock on which `JointState.t` stands (the mock's is
-    simulated). Only `safety.Guard` calls `send`. Every method returns or raises within a bounded time; a value that is older
-    than three periods, or than `gap_max` s where that is longer, is never returned as new: that is a DeviceError; every stop has room for
-    `gap_max`. `sole`: whoever else commands must be ended before `halt`, for its commands would go on. `ready` are the conditions in which `engage` may be called. `control` says what `connect` does to the device beyond
-    listening, empty where nothing.
+    Every method returns or raises within a bounded time. A value older than three periods, or than `gap_max` s if that is longer, is a
+    DeviceError and never returned as new. Only `safety.Guard` calls `send`.
+
+    rate: control and sampling rate, Hz. clock: host clock of `JointState.t` (simulated for the mock). gap_max: s, for which every stop
+    has room. sole: another commanding program must be ended before `halt`, because its commands would continue. ready: statuses in
+    which `engage` may be called. control: what `connect` does to the device beyond listening; empty if nothing.
     """
 
     arm: Arm
@@ -92,75 +91,73 @@ class Driver(ABC):
 
     @abstractmethod
     def connect(self) -> DeviceInfo:
-        """Open the connection without moving anything; DeviceError with the remedy where it cannot be opened."""
+        """Open the connection without moving anything; DeviceError with the remedy if it cannot be opened."""
 
     def listen(self, patience: float | None = None) -> DeviceInfo:
-        """Open the connection only to read, while something else moves the arm: nothing is sent that could change the device.
+        """Open the connection for reading only, while another program moves the arm: nothing is sent that could change the device.
 
-        patience s: how long `read` waits at the most, the driver's own time where it is None; a driver whose device sends by itself may have
-        its own.
-
-        `send` stays refused until `connect`. DeviceError where a device of this kind cannot be read without a request.
+        `send` is refused until `connect`. patience: longest wait of `read`, s; None for the driver's default. A driver whose device
+        sends by itself may use its own. DeviceError if a device of this kind cannot be read without a request.
         """
         raise DeviceError(
-            f"{self.arm.name}: its devices answer only the program that commands them, so nobody can listen beside it; record a log "
-            "and watch the log"
+            f"{self.arm.name}: its devices answer only the program that commands them, so a second program cannot listen; record a log "
+            "and watch that"
         )
 
     def beside(self) -> str:
-        """Why a second driver of the same cell cannot `listen` beside this one and `halt` its device; empty where it can."""
-        return f"a device of driver {type(self).__name__} is heard by one program only"
+        """Why a second driver of the same cell cannot `listen` beside this one and `halt` its device; empty if it can."""
+        return f"only one program can read a device of driver {type(self).__name__}"
 
     def halt(self) -> None:
-        """After `listen`: bring the device to rest, whatever commanded it before; `close` then refuses where it must be held on.
+        """After `listen`: bring the device to rest, whatever commanded it before; `close` then refuses if the arm must still be held.
 
-        DeviceError where this is not possible. Only the monitor process calls it, when nobody else commands any more.
+        DeviceError if this is not possible. Only the monitor process calls it; with `sole`, it first ends the commanding program.
         """
-        raise DeviceError(f"{self.arm.name}: {self.beside()}, so nobody can stop it beside that program")
+        raise DeviceError(f"{self.arm.name}: {self.beside()}, so no second program can stop it")
 
     def inspect(self) -> DeviceInfo:
-        """Open the connection for checks: nothing moves and no control is taken. `connect` where that takes none."""
+        """Open the connection for checks: nothing moves and no control is taken. Same as `connect` if that takes none."""
         return self.connect()
 
     def declared_payload(self) -> tuple[float, tuple[float, float, float]] | None:
-        """Mass kg and centre of mass m (last link's frame) that the device now assumes as payload; None where it does not report it."""
+        """Mass (kg) and centre of mass (m, last link's frame) of the payload that the device currently assumes; None if not reported."""
         return None
 
     @abstractmethod
     def read(self) -> JointState:
-        """The next sample, in order and each one once; waits for it for at most three periods, or `gap_max` s."""
+        """Next sample, in order and each exactly once; waits at most three periods, or `gap_max` s if that is longer."""
 
     @abstractmethod
     def send(self, q: np.ndarray, dq: np.ndarray, tau: np.ndarray) -> np.ndarray:
         """Command position (n,) rad with speed (n,) rad/s and feed-forward torque (n,) N m, NaN-free.
 
-        Returns the position that was really sent, (n,) rad, after the device's own quantisation. Never clamps: a command that
-        the device cannot represent is a DeviceError.
+        Return the position actually sent, (n,) rad, after the device's own quantisation. Never clamps: a command that the device
+        cannot represent is a DeviceError.
         """
 
     @abstractmethod
     def stop(self) -> None:
-        """Ask the device for its own bounded stop; safe to call at any time and more than once."""
+        """Request the device's own bounded stop; safe to call at any time and more than once."""
 
     @abstractmethod
     def close(self) -> None:
         """Leave the device at rest and release it; safe to call more than once."""
 
     def engage(self) -> str:
-        """Make the device follow commands from where the arm stands, such as switching its drives on; nothing moves.
+        """Make the device ready to follow commands from the current pose, for example by switching its drives on; nothing moves.
 
-        Called once before the first `send`. Returns what was done, a sentence for the log; empty where nothing was needed.
+        Called once before the first `send`. Return a sentence for the log on what was done; empty if nothing was needed.
         """
         return ""
 
     def checks(self) -> list[Check]:
-        """Checks of this kind of device before motion, beyond `drivers.preflight`; connected, and without moving it."""
+        """Checks of this kind of device before motion, beyond `drivers.preflight`; needs a connection, moves nothing."""
         return []
 
     def gravity(self, q: np.ndarray, tau: np.ndarray, friction: np.ndarray) -> list[Check]:
-        """What the torque tau (K, n) N m that holds the arm up in poses q (K, n) rad says of which of its kind it is.
+        """Checks of which arm of its kind this is, from the holding torque tau (K, n) N m in poses q (K, n) rad.
 
-        friction (K, n) N m is what may still be in it.
+        friction (K, n) N m bounds the friction that tau may still contain.
         """
         return []
 
@@ -169,7 +166,7 @@ class Driver(ABC):
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
-        """Close; what `close` refuses does not hide what went wrong before."""
+        """Close; a refusal by `close` does not hide an earlier error."""
         try:
             self.close()
         except DeviceError as refusal:

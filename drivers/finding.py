@@ -1,4 +1,4 @@
-"""What is connected: robots that answer on the network, and CAN adapters. Only asks; nothing is switched on or moved."""
+"""Connected devices: robots that answer on the network, and CAN adapters. Queries only; nothing is switched on or moved."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from drivers.ur_rtde import dashboard, family
 from sim.errors import DeviceError
 
-PATIENCE = 0.4  # s for a connection within one's own network
+PATIENCE = 0.4  # s to connect within the local network
 AT_ONCE = 64
 MOST_HOSTS = 1024
 _ADDRESS, _NETMASK = 0x8915, 0x891B  # SIOCGIFADDR and SIOCGIFNETMASK, netdevice(7)
@@ -22,7 +22,7 @@ _ADDRESS, _NETMASK = 0x8915, 0x891B  # SIOCGIFADDR and SIOCGIFNETMASK, netdevice
 
 @dataclass(frozen=True)
 class Robot:
-    """A UR controller that answered: its address, what it says of itself, and the shipped arms that it may be."""
+    """A UR controller that answered: its address, what it reports about itself, and the shipped arms that it may be."""
 
     host: str
     polyscope: str
@@ -33,7 +33,7 @@ class Robot:
 
 @dataclass(frozen=True)
 class Adapter:
-    """A CAN interface, or a serial port that may be a CAN adapter: the options of `calib servo scan`, and what the system calls it."""
+    """A CAN interface, or a serial port that may be a CAN adapter: the options of `calib servo scan`, and the system's label."""
 
     interface: str
     channel: str
@@ -41,7 +41,7 @@ class Adapter:
 
 
 def own_networks() -> list[ipaddress.IPv4Network]:
-    """The private networks of this computer, each no wider than 256 addresses about its own; loopback is none."""
+    """Private IPv4 networks of this computer without loopback, each narrowed to at most 256 addresses around its own."""
     found = []
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         for _, name in socket.if_nameindex():
@@ -61,7 +61,7 @@ def own_networks() -> list[ipaddress.IPv4Network]:
 
 
 def robots(hosts: Iterable[str]) -> list[Robot]:
-    """The UR controllers among these hosts, by their dashboard servers (PolyScope X has none: name its host in the cell file)."""
+    """UR controllers among these hosts, found by their dashboard servers (PolyScope X has none: name its host in the cell file)."""
     addresses = list(hosts)[:MOST_HOSTS]
     with ThreadPoolExecutor(AT_ONCE) as pool:
         found_robots = pool.map(_robot_at, addresses)
@@ -78,12 +78,12 @@ def _robot_at(host: str) -> Robot | None:
         version = (int(number[1]), int(number[2]))
         info = dashboard.controller_info(host, version, 0)
     except (OSError, DeviceError, UnicodeError):
-        return None  # nobody, or something else on that port
+        return None  # nothing there, or something else on that port
     return Robot(host, info.polyscope, info.model, info.serial, tuple(family.called(info.model, version[0])))
 
 
 def can_adapters() -> list[Adapter]:
-    """CAN interfaces that the system has up, and USB serial ports, of which some are CAN adapters."""
+    """CAN interfaces that are up, and USB serial ports, some of which are CAN adapters."""
     import can
     from serial.tools.list_ports import comports
 

@@ -22,21 +22,21 @@ from sim.usual_arm import usual_arm
 
 
 class MockOptions(StrictTable):
-    """[options] of a mock cell: control rate Hz; realtime makes the mock keep the wall clock."""
+    """[options] of a mock cell: rate is the control rate, Hz; with realtime the mock runs on the wall clock."""
 
     rate: Positive | None = None
     realtime: bool = False
     stop_deceleration: Positive = Field(default=4.0)
 
 
-# A fault takes the reading about to be returned and gives the one that is returned instead.
+# A fault maps the reading about to be returned to the one that is returned instead.
 Fault = Callable[[JointState], JointState]
 
 
 class MockDriver(Driver):
     """The plant as a device. Hidden effects come from the cell's [emulation]; the tool sees only readings.
 
-    `faults` are applied to every reading, for fault injection; `stop` decelerates at the cell's stop_deceleration (rad/s^2).
+    `faults` are applied to every reading, for fault injection; `stop` decelerates at the cell's stop_deceleration, rad/s^2.
     """
 
     def __init__(
@@ -55,9 +55,10 @@ class MockDriver(Driver):
 
     @classmethod
     def from_cell(cls, cell: Cell, arm: Arm) -> MockDriver:
-        """The mock of a cell: the nominal arm in its drive, the cell's hidden effects in its plant.
+        """The mock of a cell: its drive uses the nominal arm, its plant adds the cell's hidden effects.
 
-        Where nobody stated its sensors and drives it has ordinary ones (`sim.usual_arm`); its drive knows of those, the tool does not.
+        Sensors and drives that the arm's file does not state are ordinary ones (`sim.usual_arm`). The mock's drive knows their values,
+        the tool does not.
         """
         options = validated(MockOptions, cell.table.options, cell.path)
         drive = usual_arm(arm)
@@ -69,7 +70,7 @@ class MockDriver(Driver):
         return cls(plant, arm, rate, clock, options.stop_deceleration, cell.table.home)
 
     def connect(self) -> DeviceInfo:
-        """Stand at the cell's home."""
+        """Reset the plant to the cell's home."""
         self.plant.reset(self._start)
         self._next = self.clock.now()
         self._origin = self._next
@@ -82,18 +83,18 @@ class MockDriver(Driver):
         )
 
     def listen(self, patience: float | None = None) -> DeviceInfo:
-        """Stand at the cell's home; nobody moves it."""
+        """Reset the plant to the cell's home; nothing moves it."""
         return self.connect()
 
     def read(self) -> JointState:
-        """The next reading. Time passes whether anybody reads or not: with `realtime`, periods nobody waited for are gone."""
+        """Next reading. Time passes without readers too: with `realtime`, periods in which nothing was read are skipped."""
         self._require_connection()
         period = 1.0 / self.rate
         while True:
             if self._stopping is not None:
                 self._decelerate()
             elif not self._commanded:
-                # a drive closes its loop, commanded something new or not
+                # a drive closes its loop every period, with or without a new command
                 self.plant.command(self._q_cmd, self._dq_cmd, self._tau_cmd)
             self._commanded = False
             self.plant.advance(period)
@@ -107,7 +108,7 @@ class MockDriver(Driver):
         return state
 
     def send(self, q: np.ndarray, dq: np.ndarray, tau: np.ndarray) -> np.ndarray:
-        """Command the plant; a command that is not finite or has a wrong length is a DeviceError."""
+        """Command the plant; DeviceError for a command that is not finite or has a wrong length."""
         self._require_connection()
         arrays = [np.asarray(x) for x in (q, dq, tau)]
         if not all(is_finite(x, self.arm.n) for x in arrays):
@@ -119,7 +120,7 @@ class MockDriver(Driver):
         return arrays[0].copy()
 
     def stop(self) -> None:
-        """Decelerate every joint to rest with the same deceleration, from the last command."""
+        """Decelerate every joint from its last commanded speed to rest, all at the same deceleration."""
         if self._connected and self._stopping is None:
             self._stopping = self._dq_cmd.copy()
 
@@ -136,7 +137,7 @@ class MockDriver(Driver):
         self._connected = False
 
     def _decelerate(self) -> None:
-        """One control instant of the device's own stop."""
+        """One control period of the device's own stop."""
         if self._stopping is None:
             return
         change = self._deceleration / self.rate

@@ -1,4 +1,4 @@
-"""Is the device what the cell file and the arm folder say it is? Asked before anything moves, without moving anything."""
+"""Preflight: checks, without motion, that the device is the one that the cell file and the arm folder describe."""
 
 from __future__ import annotations
 
@@ -16,27 +16,27 @@ from sim.joint_state import JointState, Status
 from sim.own_values import values_of
 from sim.prediction import at_rest
 
-# A payload or mounting that is off by more than this shifts gravity torques visibly; a rate or clock off by more cannot be fitted.
+# A larger error of payload or mounting shifts gravity torques visibly; a larger error of rate or clock cannot be fitted.
 MASS_TOLERANCE = 0.05  # kg
 COM_TOLERANCE = 0.01  # m
 TILT_TOLERANCE = math.radians(2.0)
 RATE_TOLERANCE = 0.01
 LOST_TOLERANCE = 0.01
 CLOCK_TOLERANCE = 0.002
-# of a joint's largest torque: a wrong mounting or a forgotten tool exceeds it, a model within its prior does not
+# share of tau_max: a wrong mounting or a forgotten tool exceeds it, a model within its prior does not
 GRAVITY_TOLERANCE = 0.15
 STANDSTILL = 0.02  # rad/s
-# how far a link's mass times its lever may be from the published ones, and the reading from zero, in parts of the torque and of tau_max
+# doubt about the published mass times lever, as a share of the gravity torque, and about the reading's zero, as a share of tau_max
 GRAVITY_DOUBT, ZERO_DOUBT = 0.05, 0.01
 SIGMAS = 3.0
-# of measured friction, the part by which it may differ between both directions (asymmetry, driven or driving load)
+# share of measured friction by which the two directions may differ (asymmetry, driven or driving load)
 UNEVEN = 0.15
 
 
 def preflight(driver: Driver, cell: Cell, seconds: float = 1.0) -> list[Check]:
-    """The checks of a connected driver: those of every device, and those of its own kind (`driver.checks`).
+    """The checks of a connected driver: those of every device, and those of its kind (`driver.checks`).
 
-    Reads `seconds` of samples; sends nothing.
+    Reads `seconds` s of samples; sends nothing.
     """
     arm, info = driver.arm, driver.info
     states = [driver.read() for _ in range(max(2, math.ceil(seconds * driver.rate)))]
@@ -57,16 +57,16 @@ def preflight(driver: Driver, cell: Cell, seconds: float = 1.0) -> list[Check]:
 
 
 def lifted(checks: list[Check], assumed: Collection[str]) -> list[Check]:
-    """The checks; one that says no, where the cell assumes what passes it over, says so instead, and any other how to."""
+    """The checks: a failed one gets ok None if an assumption of the cell waives it; else its remedy names the one that would."""
     return [check if check.ok is not False or not check.assume else _lifted(check, check.assume in assumed) for check in checks]
 
 
 def _lifted(check: Check, assumed: bool) -> Check:
     if assumed:
         return replace(
-            check, ok=None, detail=f"{check.detail}; passed over, because the cell file assumes {check.assume}", remedy=""
+            check, ok=None, detail=f"{check.detail}; waived, because the cell file assumes {check.assume}", remedy=""
         )
-    return replace(check, remedy=f'{check.remedy}; or, if you know better, state assume = ["{check.assume}"] in the cell file')
+    return replace(check, remedy=f'{check.remedy}; or, if you are certain, state assume = ["{check.assume}"] in the cell file')
 
 
 def _identity(arm: Arm, info: DeviceInfo) -> Check:
@@ -94,27 +94,27 @@ def _position(arm: Arm, states: list[JointState]) -> Check:
 
 
 def _speed(arm: Arm, states: list[JointState]) -> Check:
-    """Whether the arm stands; that it moves beside the check is no refusal, another program may drive it."""
+    """Whether the arm stands still; motion is not a failure, because another program may be driving it."""
     dq = np.abs(np.mean([s.dq for s in states], axis=0))
     j = int(np.argmax(np.where(np.isfinite(dq), dq, np.inf)))
     stands = bool(np.all(dq <= STANDSTILL))
     return Check(
         "speed", True if stands else None,
-        f"{'the arm stands still' if stands else 'the arm moves'}: {arm.joint_names[j]} is fastest with {dq[j]:.4f} rad/s",
+        f"{'the arm stands still' if stands else 'the arm moves'}: {arm.joint_names[j]} is fastest at {dq[j]:.4f} rad/s",
     )  # fmt: skip
 
 
 def _temperature(arm: Arm, states: list[JointState]) -> Check:
     warm = states[-1].temperature
     if not np.isfinite(warm).any():
-        return Check("temperature", None, "the device reports no temperature, so nothing warns of a joint that overheats")
+        return Check("temperature", None, "the device reports no temperature, so nothing warns of an overheating joint")
     j = int(np.nanargmax(warm))
     return Check("temperature", True, f"{np.nanmin(warm):.0f} to {warm[j]:.0f} degC, {arm.joint_names[j]} is warmest")
 
 
 def _payload(cell: Cell, info: DeviceInfo) -> Check:
     if info.payload_mass is None or info.payload_com is None:
-        return Check("payload", None, "the device does not say which payload it believes")
+        return Check("payload", None, "the device does not report the payload that it assumes")
     declared = cell.table.payload
     mass = declared.mass if declared else 0.0
     com = np.array(declared.com if declared else (0.0, 0.0, 0.0))
@@ -122,31 +122,31 @@ def _payload(cell: Cell, info: DeviceInfo) -> Check:
     ok = abs(info.payload_mass - mass) <= MASS_TOLERANCE and (mass <= MASS_TOLERANCE or off <= COM_TOLERANCE)
     reported = ", ".join(f"{x:.3f}" for x in info.payload_com)
     return Check(
-        "payload", ok, f"the device believes {info.payload_mass:.3f} kg at ({reported}) m; the cell file declares {mass:.3f} kg",
-        "set the payload that is really mounted on the device, and the same in [payload] of the cell file",
+        "payload", ok, f"the device assumes {info.payload_mass:.3f} kg at ({reported}) m; the cell file declares {mass:.3f} kg",
+        "set the payload that is actually mounted, both on the device and in [payload] of the cell file",
         "payload-as-declared",
     )  # fmt: skip
 
 
 def _mounting(arm: Arm, info: DeviceInfo) -> Check:
     if info.gravity is None:
-        return Check("mounting", None, "the device does not say how it is mounted")
+        return Check("mounting", None, "the device does not report its mounting")
     g = np.array(info.gravity)
     cosine = float(g @ arm.gravity / (np.linalg.norm(g) * np.linalg.norm(arm.gravity) or np.nan))
     tilt = math.acos(min(1.0, max(-1.0, cosine))) if math.isfinite(cosine) else math.nan
     return Check(
         "mounting", tilt <= TILT_TOLERANCE,
-        f"gravity of device and model differ by {math.degrees(tilt):.1f} deg",
-        "set the mounting on the device, or the gravity of the arm's model file, to how the arm really stands",
+        f"the gravity directions of device and model differ by {math.degrees(tilt):.1f} deg",
+        "set the mounting on the device, or gravity in the arm's model file, to the arm's actual orientation",
         "mounting-as-modelled",
     )  # fmt: skip
 
 
 def _gravity(arm: Arm, cell: Cell, states: list[JointState]) -> Check:
-    """tau at rest = g(q) less what springs carry, + friction, at rest at most the Coulomb level: of the model as of the cell file."""
+    """tau at rest = g(q) - torque of springs ± friction, at most the Coulomb level; the model carries the cell file's payload."""
     name = "torque at rest"
     if states[-1].status is not Status.RUNNING:
-        return Check(name, None, "the device is not following commands, so its torque carries nothing yet")
+        return Check(name, None, "the device is not following commands, so its torque does not carry the arm yet")
     dq = np.mean([s.dq for s in states], axis=0)
     if not np.all(np.abs(dq) <= STANDSTILL):
         return Check(name, None, "the arm moves, so its torque at rest cannot be compared")
@@ -164,28 +164,28 @@ def _gravity(arm: Arm, cell: Cell, states: list[JointState]) -> Check:
     return Check(
         name, bool(np.all(share <= GRAVITY_TOLERANCE)),
         f"{arm.joint_names[j]} has {tau[j]:.1f} N m, the model {expected[j]:.1f} N m, friction up to {friction[j]:.1f} N m",
-        "look for a tool that the cell file does not declare, another mounting than the model's, another order or sign of the "
+        "check for a tool that the cell file does not declare, a mounting other than the model's, a different order or sign of the "
         "joints, or the wrong arm folder",
         "torque-at-rest-as-reported",
     )  # fmt: skip
 
 
 def gravity(driver: Driver, cell: Cell, q: np.ndarray, tau: np.ndarray, friction: np.ndarray) -> list[Check]:
-    """What the torque tau (K, n) N m that holds the arm up in poses q (K, n) rad, friction taken out, says of which arm it is.
+    """Checks of which arm this is, from the holding torque tau (K, n) N m in poses q (K, n) rad, with friction removed.
 
-    friction (K, n) N m is what was taken out.
+    friction (K, n) N m is the friction that was removed.
     """
     arm, name = driver.arm, "gravity torque"
     if not (np.isfinite(tau).all() and np.isfinite(friction).all()):
-        return [Check(name, None, "no torque is known, so the poses do not say which arm this is")]
+        return [Check(name, None, "no torque is known, so these poses cannot show which arm this is")]
     left = UNEVEN * friction
     fit = held_by(with_payload(arm, cell.table.payload), q, tau, left)
     j, k = fit.joint, fit.pose
     own = Check(
         name, fit.miss <= 1.0,
-        f"in {len(q)} poses, {arm.joint_names[j]} is farthest off: {tau[k, j]:.1f} N m where the model has {fit.expected:.1f} N m, "
-        f"friction of {friction[k, j]:.1f} N m taken out; {fit.miss:.1f} times what may be",
-        "look for a tool that the cell file does not declare, another mounting than the model's, or the wrong arm folder",
+        f"in {len(q)} poses, {arm.joint_names[j]} deviates most: {tau[k, j]:.1f} N m where the model has {fit.expected:.1f} N m, "
+        f"friction of {friction[k, j]:.1f} N m removed; {fit.miss:.1f} times the tolerance",
+        "check for a tool that the cell file does not declare, a mounting other than the model's, or the wrong arm folder",
         "torque-at-rest-as-reported",
     )  # fmt: skip
     return lifted([own, *driver.gravity(q, tau, left)], cell.table.assume)
@@ -193,7 +193,7 @@ def gravity(driver: Driver, cell: Cell, q: np.ndarray, tau: np.ndarray, friction
 
 @dataclass(frozen=True)
 class RestMisfit:
-    """How far torque at rest is beyond what an arm can explain, in its own doubt: up to 1 it fits; the pose and the joint that are worst."""
+    """Largest misfit of torque at rest, in multiples of the arm's tolerance (up to 1 it fits), with pose, joint, expected N m."""
 
     miss: float
     pose: int
@@ -202,7 +202,7 @@ class RestMisfit:
 
 
 def held_by(arm: Arm, q: np.ndarray, tau: np.ndarray, friction: np.ndarray) -> RestMisfit:
-    """max (|tau - tau_rest(q)| - friction - noise) / doubt over poses (K, n), by the arm's own springs: friction, (n,) or (K, n), either way."""
+    """max (|tau - tau_rest(q)| - friction - noise) / doubt over poses (K, n), springs included; friction (n,) or (K, n), any sign."""
     gravity = at_rest(arm, np.atleast_2d(q))
     noise = SIGMAS * np.array(arm.sensors.torque_noise)
     doubt = GRAVITY_DOUBT * np.abs(gravity) + ZERO_DOUBT * arm.tau_max
@@ -213,7 +213,7 @@ def held_by(arm: Arm, q: np.ndarray, tau: np.ndarray, friction: np.ndarray) -> R
 
 
 def with_payload(arm: Arm, payload: PayloadTable | None) -> Arm:
-    """The arm with what the cell file declares mounted."""
+    """The arm with the payload that the cell file declares."""
     if payload is None or payload.mass <= 0:
         return arm
     com = dict(zip(("com_x", "com_y", "com_z"), payload.com, strict=True))
@@ -221,7 +221,7 @@ def with_payload(arm: Arm, payload: PayloadTable | None) -> Arm:
 
 
 def stated_friction(arm: Arm) -> np.ndarray:
-    """(n,) N m: the dry friction that the arm's file states, zero where it states none."""
+    """Dry friction that the arm's file states, (n,) N m; zero where it states none."""
     return values_of(arm, "coulomb_friction", "coulomb")
 
 
@@ -240,11 +240,11 @@ def _timing(rate: float, states: list[JointState]) -> list[Check]:
             "rate", abs(measured / rate - 1.0) <= RATE_TOLERANCE and missing <= LOST_TOLERANCE * len(device),
             f"{measured:.1f} Hz of {rate:.1f} Hz, {missing} of {len(device) + missing} samples missing, "
             f"longest wait on this computer {1e3 * float(np.max(host)):.1f} ms",
-            "use a wired connection of its own, close other clients of the device, and stop other work on this computer",
+            "use a dedicated wired connection, close other clients of the device, and stop other work on this computer",
         ),
         Check(
             "device clock", abs(slope) <= CLOCK_TOLERANCE + 0.01 / float(np.sum(device)),
             f"device and host clock differ by {1e6 * slope:.0f} ppm over {np.sum(device):.1f} s",
-            "look for another program that steps the clock or holds this one back, then check again",
+            "look for a program that steps the clock or slows this one down, then check again",
         ),
     ]  # fmt: skip

@@ -1,4 +1,4 @@
-"""A recorded log behind the driver interface: it gives every sample once, in order, and never moves anything."""
+"""A recorded log behind the driver interface: it returns every sample once, in order, and never moves anything."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class ReplayOptions(StrictTable):
 
 
 class ReplayDriver(Driver):
-    """A log as a device on a simulated clock; `send` is refused, the end of the log is an EndOfRecording."""
+    """A log as a device on a simulated clock; `send` is refused, and the end of the log raises EndOfRecording."""
 
     def __init__(self, log: Log, arm: Arm) -> None:
         if set(arm.joint_names) != set(log.joint_names):
@@ -36,12 +36,12 @@ class ReplayDriver(Driver):
 
     @classmethod
     def from_cell(cls, cell: Cell, arm: Arm) -> ReplayDriver:
-        """The log that a cell names."""
+        """The driver of the log that a cell names."""
         options = validated(ReplayOptions, cell.table.options, cell.path)
         return cls(read_log(cell.path.parent / options.log, arm.joint_names), arm)
 
     def connect(self) -> DeviceInfo:
-        """Stand before the first sample."""
+        """Rewind to the first sample."""
         self._next = 0
         self.clock = SimulatedClock(float(self._t_host[0]) if len(self.log) else 0.0)
         about = self.log.metadata
@@ -51,7 +51,7 @@ class ReplayDriver(Driver):
         )  # fmt: skip
 
     def listen(self, patience: float | None = None) -> DeviceInfo:
-        """Stand before the first sample: a recording is only ever read."""
+        """Same as `connect`: a recording is only ever read."""
         return self.connect()
 
     def read(self) -> JointState:

@@ -1,8 +1,8 @@
-"""Torque constants from the currents that hold the arm up: i_j = g_j(q) / K_j, by least squares over poses in which friction is taken out.
+"""Torque constants from holding currents: i_j = g_j(q) / K_j, by least squares over poses, with friction removed.
 
-g(q) is of the arm's own file (for a UR the published masses) and of the payload that the cell file declares, never of what the controller
-computes: its target_moment and target_current come of a model of its own. So K is as sure as those masses; a load of known mass, on and off,
-makes it independent of them (`calib identify --loaded --known-mass`).
+g(q) comes from the arm's own file (for a UR the published masses) and the payload that the cell file declares. It never comes from the
+controller, whose target_moment and target_current come from its own model. So K is only as accurate as those masses. A load of known
+mass, on and off, makes it independent of them (`calib identify --loaded --known-mass`).
 """
 
 from __future__ import annotations
@@ -17,22 +17,22 @@ from sim.arm import Arm
 from sim.cell import Cell
 from sim.prediction import at_rest
 
-UNKNOWN = 0.25  # of a constant: with a larger standard deviation it is unknown
+UNKNOWN = 0.25  # share of a constant; with a larger standard deviation it is unknown
 
 
 @dataclass(frozen=True)
 class Constants:
-    """K (n,) N m/A at the joint and its standard deviation; NaN where gravity does not load the joint enough to tell."""
+    """K (n,) N m/A at the joint and its standard deviation; NaN where gravity loads the joint too little to determine it."""
 
     value: np.ndarray
     std: np.ndarray
 
 
 def constants_from(arm: Arm, q: np.ndarray, current: np.ndarray, friction: np.ndarray) -> Constants:
-    """K_j of the currents (M, n) A that hold the arm up in poses q (M, n) rad; friction (M, n) A is what was taken out.
+    """K_j from the currents (M, n) A that hold the arm in poses q (M, n) rad; friction (M, n) A is what was removed from them.
 
-    var(1/K) is of the scatter about the line, and of what all poses share: masses of GRAVITY_DOUBT, a zero of the reading of ZERO_DOUBT
-    tau_max, friction that differs by UNEVEN between both directions.
+    var(1/K) adds to the scatter about the line what all poses share: GRAVITY_DOUBT of the masses, a zero of the reading of ZERO_DOUBT
+    tau_max, and friction that differs by UNEVEN between the two directions.
     """
     g = at_rest(arm, q)
     load = np.sqrt(np.mean(g**2, axis=0))
@@ -47,10 +47,10 @@ def constants_from(arm: Arm, q: np.ndarray, current: np.ndarray, friction: np.nd
 
 
 def torque_constants(driver: Driver, cell: Cell, q: np.ndarray, current: np.ndarray, friction: np.ndarray) -> list[Check]:
-    """What is known of the torque constants of a device that reports currents only; never a refusal."""
+    """Torque constants of a device that reports only currents, as a check that never fails (ok is None)."""
     arm, name = driver.arm, "torque constants"
     if not (np.isfinite(current).all() and np.isfinite(friction).all()):
-        return [Check(name, None, "neither torque nor current is reported, so the poses do not say which arm this is")]
+        return [Check(name, None, "neither torque nor current is reported, so these poses cannot show which arm this is")]
     found = constants_from(with_payload(arm, cell.table.payload), q, current, friction)
     known = np.isfinite(found.value)
     text = ", ".join(
@@ -59,7 +59,7 @@ def torque_constants(driver: Driver, cell: Cell, q: np.ndarray, current: np.ndar
         if np.isfinite(k)
     )
     unknown = ", ".join(joint for joint, k in zip(arm.joint_names, known, strict=True) if not k)
-    parts = [f"N m/A by the masses of {arm.name} and the currents in {len(q)} poses: {text}"] if text else []
+    parts = [f"N m/A from the masses of {arm.name} and the currents in {len(q)} poses: {text}"] if text else []
     parts += [f"unknown, because gravity hardly loads them here: {unknown}"] if unknown else []
     parts += ["a load of known mass, on and off, gives all of them: calib identify --loaded --known-mass"]
     return [Check(name, None, "; ".join(parts))]

@@ -1,4 +1,4 @@
-"""From an opened bus to drives that are known and guarded: identity, ranges, watchdog. Nothing here moves a joint."""
+"""Bring-up of the drives on an open bus: identity, ranges, watchdog. Nothing here moves a joint."""
 
 from __future__ import annotations
 
@@ -39,13 +39,13 @@ def make_drives(options: CanOptions) -> list[Drive]:
 
 
 class Enquiry:
-    """Questions to drives, one at a time: an answer comes once, within `patience` s, or the drive is not what the cell file says."""
+    """Questions to drives, one at a time: exactly one answer must come within `patience` s, in one of `tries`."""
 
     def __init__(self, link: Link, clock: Clock, patience: float = ANSWER_TIME, tries: int = TRIES) -> None:
         self.link, self.clock, self.patience, self.tries = link, clock, patience, tries
 
     def ask(self, message: can.Message, read: Callable[[can.Message], T | None], what: str) -> T:
-        """The first answer that `read` understands; NoAnswer where none comes, DeviceError where two do."""
+        """The answer that `read` understands; NoAnswer if none comes, DeviceError if two do."""
         errors = self.link.error_frames
         for _ in range(self.tries):
             self.link.send([message])
@@ -74,7 +74,7 @@ def _instead(errors: int) -> str:
 
 
 def listen(link: Link, clock: Clock, drives: Sequence[Drive], ignore: Sequence[int]) -> None:
-    """Make the bus ours; DeviceError where somebody talks who should not: another host, or an identifier that the cell file does not know."""
+    """Claim the bus; DeviceError for commands of another host, or frames with an identifier that the cell file does not know."""
     link.claim()
     end = clock.now() + QUIET_TIME
     strangers: dict[int, int] = {}
@@ -98,7 +98,7 @@ def listen(link: Link, clock: Clock, drives: Sequence[Drive], ignore: Sequence[i
 
 
 def identify(enquiry: Enquiry, drives: Sequence[Drive], options: CanOptions) -> list[Identity]:
-    """Every drive's identity, serial numbers matched with the cell file: a swapped cable or identifier is found here."""
+    """Identity of every drive. Serial numbers are compared with the cell file, which reveals a swapped cable or identifier."""
     found = [drive.identify(enquiry.ask) for drive in drives]
     if "identifiers-as-stated" in options.assume:
         return found
@@ -107,8 +107,8 @@ def identify(enquiry: Enquiry, drives: Sequence[Drive], options: CanOptions) -> 
         twice = next(s for s in serials if serials.count(s) > 1)
         names = ", ".join(d.name for d, i in zip(drives, found, strict=True) if i.serial == twice)
         raise DeviceError(
-            f"{names}: two drives report the same serial number ({twice}), as some firmware does, so a swapped cable cannot be found by it; look "
-            'that each identifier sits on its joint, then write assume = ["identifiers-as-stated"] at the top of the cell file'
+            f"{names}: two drives report the same serial number ({twice}), as some firmware does, so a swapped cable cannot be found by it; check "
+            'that each identifier is on its joint, then write assume = ["identifiers-as-stated"] at the top of the cell file'
         )
     problems = []
     for drive, identity in zip(drives, found, strict=True):
@@ -131,9 +131,9 @@ def identify(enquiry: Enquiry, drives: Sequence[Drive], options: CanOptions) -> 
 
 
 def guard_by_watchdog(enquiry: Enquiry, drives: Sequence[Drive], options: CanOptions) -> list[float]:
-    """Each drive's silence timeout, set where it can be and read back, s; NaN where it cannot be read and the cell accepts that.
+    """Each drive's silence timeout, set if possible and read back, s; NaN if it cannot be read and the cell accepts that.
 
-    Without it a drive follows its last command for ever once the host has died, so an unread watchdog is a refusal.
+    Without a watchdog a drive follows its last command for ever once the host has died, so one that cannot be read is refused.
     """
     values = []
     for drive in drives:
@@ -154,7 +154,7 @@ def guard_by_watchdog(enquiry: Enquiry, drives: Sequence[Drive], options: CanOpt
 
 
 def bring_up(link: Link, clock: Clock, drives: Sequence[Drive], options: CanOptions) -> tuple[list[Identity], list[float]]:
-    """Who is on the bus, and the silence timeouts of its drives, s: nobody else talks, every drive is known and has a watchdog."""
+    """Identities and silence timeouts, s, of the drives; DeviceError for other traffic, an unknown drive, or no watchdog."""
     enquiry = Enquiry(link, clock)
     listen(link, clock, drives, options.ignore)
     return identify(enquiry, drives, options), guard_by_watchdog(enquiry, drives, options)

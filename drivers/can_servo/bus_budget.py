@@ -1,4 +1,4 @@
-"""Does the planned traffic fit on the wire? Worst-case time of every frame, stuffing included, against all the time there is."""
+"""Bus load of the planned traffic: worst-case time of every frame, stuffing included, as a share of the time available."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ FD_HEAD, FD_HEAD_EXTENDED, FD_TAIL = 17, 36, 10 + INTERFRAME
 
 
 def frame_bits(extended: bool, data_bytes: int) -> tuple[int, int]:
-    """(fewest, most) bits of a data frame on the wire: 44 + 8 n or 64 + 8 n, 3 between frames, a stuffed bit each 4 after the first.
+    """(fewest, most) bits of a data frame of n bytes on the wire: 44 + 8 n, or 64 + 8 n if extended, 3 between frames, and stuff bits.
 
-    Stuffed are start of frame to the checksum: 34 + 8 n or 54 + 8 n bits, so at most (that - 1) // 4 more (see Davis et al.,
+    From start of frame to checksum 34 + 8 n or 54 + 8 n bits are stuffed, which adds at most (that - 1) // 4 bits (see Davis et al.,
     Controller Area Network (CAN) schedulability analysis: refuted, revisited and revised, 2007).
     """
     stuffable = (54 if extended else 34) + 8 * data_bytes
@@ -28,7 +28,7 @@ def frame_bits(extended: bool, data_bytes: int) -> tuple[int, int]:
 
 
 def frame_time(extended: bool, data_bytes: int, bitrate: int, data_bitrate: int | None) -> tuple[float, float]:
-    """(shortest, longest) time of a frame on the wire, s; a CAN FD frame that switches to `data_bitrate` where that is given."""
+    """(shortest, longest) time of a frame on the wire, s; if `data_bitrate` is given, of a CAN FD frame that switches to it."""
     if data_bitrate is None:
         fewest, most = frame_bits(extended, data_bytes)
         return fewest / bitrate, most / bitrate
@@ -41,7 +41,7 @@ def frame_time(extended: bool, data_bytes: int, bitrate: int, data_bitrate: int 
 
 @dataclass(frozen=True, slots=True)
 class Budget:
-    """Load of a bus: frames a second, parts of its time without and with worst stuffing, and the highest rate that fits, Hz."""
+    """Load of a bus: frames per second, share of its time without and with worst stuffing, and the highest rate that fits, Hz."""
 
     frames_per_second: float
     load: float
@@ -50,7 +50,7 @@ class Budget:
 
 
 def bus_budget(drives: Iterable[Drive], rate: float, options: CanOptions) -> Budget:
-    """The load of one control cycle of all drives at `rate` Hz, and of their unasked frames."""
+    """The load of the control cycle of all drives at `rate` Hz, and of the frames that they send unasked."""
 
     def times(drive: Drive, extended: bool, data_bytes: int) -> tuple[float, float]:
         return frame_time(extended, data_bytes, options.bitrate, options.data_bitrate if drive.servo.fd else None)

@@ -1,4 +1,4 @@
-"""Which drive moves which joint, and which way: somebody turns each joint by hand, and only the positions of the drives are read."""
+"""Which drive moves which joint, and in which direction: each joint is turned by hand, and only drive positions are read."""
 
 from __future__ import annotations
 
@@ -12,29 +12,29 @@ from drivers.can_servo.link import Link
 from sim.clock import Clock
 from sim.errors import DeviceError
 
-OTHERS = 0.5  # part of what counts as a turn that no other drive may move
-STILL = 0.02  # rad within STILL_TIME of a joint at rest
+OTHERS = 0.5  # share of the largest movement that no other drive may exceed
+STILL = 0.02  # rad that a joint at rest may move within STILL_TIME
 STILL_TIME = 0.5  # s
 PATIENCE = 120.0  # s for one joint
-PERIOD = 0.03  # s between two looks
+PERIOD = 0.03  # s between two queries
 
 
 class ByHand:
-    """Positions of drives that nobody has described, their torque off."""
+    """Positions of drives that no cell file describes, with torque off."""
 
     def __init__(self, drives: Sequence[Drive], link: Link, clock: Clock, patience: float = PATIENCE) -> None:
         self.drives, self.link, self.clock, self.patience = list(drives), link, clock, patience
         self.q = np.full(len(self.drives), np.nan)
 
     def look(self) -> np.ndarray:
-        """Where every drive stands, (n,) rad on the drive's side; DeviceError names those that do not say."""
+        """Position of every drive, (n,) rad on the drive's side; DeviceError names those that do not report it."""
         self.q = np.full(len(self.drives), np.nan)
         end = self.clock.now() + 10 * PERIOD
         while np.isnan(self.q).any():
             if self.clock.now() >= end:
                 silent = ", ".join(d.name for d, q in zip(self.drives, self.q, strict=True) if math.isnan(q))
                 raise DeviceError(
-                    f"{silent}: where it stands cannot be read: silent, or at the end of its range; look at its cable, supply and zero"
+                    f"{silent}: its position cannot be read: silent, or at the end of its range; check its cable, supply and zero"
                 )
             self.link.send(
                 [m for d, q in zip(self.drives, self.q, strict=True) if math.isnan(q) and (m := d.position_question())]
@@ -48,7 +48,7 @@ class ByHand:
         return self.q
 
     def settle(self) -> np.ndarray:
-        """Wait until nothing moves; where every drive then stands."""
+        """Wait until nothing moves; return the position of every drive, (n,) rad."""
         before, end = self.look().copy(), self.clock.now() + self.patience
         while self.clock.now() < end:
             self.clock.sleep_until(self.clock.now() + STILL_TIME)
@@ -59,7 +59,7 @@ class ByHand:
         raise DeviceError(f"the arm did not come to rest within {self.patience:g} s; support it, then begin again")
 
     def turned(self) -> tuple[int, int]:
-        """(drive, sign) of the joint that is turned from here; DeviceError where nobody turns one, or two move together."""
+        """(drive, sign) of the joint that is turned from here; DeviceError if none is turned, or two move together."""
         start, end = self.settle(), self.clock.now() + self.patience
         while self.clock.now() < end:
             moved = (self.look() - start) / [d.hand_turn for d in self.drives]

@@ -12,7 +12,7 @@ from drivers.can_servo.drive import Ask, Drive, DriveReading, Identity, SelfDesc
 
 
 class CubeMars(Drive):
-    """One answer for each frame with its identifier; whether it is on cannot be read."""
+    """One answer to each frame with its identifier; whether the drive is on cannot be read."""
 
     protocol = "cubemars"
     question_switches_off = True
@@ -66,7 +66,7 @@ class CubeMars(Drive):
     def describe(self, ask: Ask) -> SelfDescription:
         return SelfDescription(
             problems=(
-                f"{self.name}: it reports nothing of itself; ranges stand in its manual, and so does how its timeout is set",
+                f"{self.name}: it reports nothing about itself; its manual states the ranges, and how to set the timeout",
             )
         )
 

@@ -20,14 +20,14 @@ MIT_MODE = 1
 TICK = 50e-6  # s, the unit of register 9
 ERRORS = {
     8: "over-voltage", 9: "under-voltage", 10: "over-current", 11: "over-temperature of the driver", 12: "over-temperature of the motor",
-    13: "communication lost: it heard no command for its timeout and switched off", 14: "overload",
+    13: "communication lost: it received no command within its timeout and switched off", 14: "overload",
 }  # fmt: skip
 
 
 class Damiao(Drive):
-    """One answer for each command, none unasked; an error stays until it is cleared.
+    """One answer to each command, none unasked; an error stays until it is cleared.
 
-    `answers_refresh` is whether the firmware answers order CC; older ones are polled with the order off, which holds nothing up.
+    `answers_refresh`: whether the firmware answers order CC; older firmware is polled with the order off, by `ask_by_off`.
     """
 
     protocol = "damiao"
@@ -57,7 +57,7 @@ class Damiao(Drive):
 
     def refresh(self) -> list[can.Message]:
         if not self.answers_refresh:
-            return [self.ask_by_off()]  # answered like any order, and off is what the drive is
+            return [self.ask_by_off()]  # answered like any order; the drive is off already
         return [self._frame(REGISTERS, frames.register(self.servo.node, REFRESH, 0))]
 
     def decode(self, message: can.Message, now: float = math.nan) -> DriveReading | None:
@@ -165,7 +165,7 @@ class Damiao(Drive):
             ) from error
 
     def _without_registers(self, ask: Ask) -> Identity:
-        """A firmware that knows no registers: it is there, and reports nothing of itself."""
+        """Identity for firmware without registers: the drive answers, but reports nothing about itself."""
         self.answers_refresh = False
         ask(self.ask_by_off(), lambda m: self.key_of(m) == self.key or None, f"{self.name}: registers and first order")
         ranges = self.stated_ranges()
@@ -173,7 +173,7 @@ class Damiao(Drive):
         return Identity("", "unknown", math.nan, ranges)
 
     def _find_state_request(self, ask: Ask) -> None:
-        """Older firmware does not answer the order that only asks for the state; then the order off is the question."""
+        """Find out whether the firmware answers order CC; if not, `refresh` uses the order off."""
         self.answers_refresh = True
         try:
             ask(self.refresh()[0], lambda m: self.key_of(m) == self.key or None, f"{self.name}: state")
@@ -184,7 +184,7 @@ class Damiao(Drive):
         return data_frame(identifier, data, fd=bool(self.servo.fd))
 
     def _register_or_none(self, ask: Ask, number: int) -> int | None:
-        """A register, or None for a firmware that does not have it."""
+        """Value of a register; None for firmware that does not have it."""
         return answer_or_none(lambda: self._read(ask, number))
 
     def _read(self, ask: Ask, number: int) -> int:

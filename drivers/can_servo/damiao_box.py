@@ -19,7 +19,7 @@ import serial
 
 BAUD = 921_600
 HEADER, RECEIVED = b"\x55\xaa\x1e\x03", 0x11
-COUNT, INTERVAL = 1, 10  # once; the interval means nothing then, 10 is what the maker's code sends
+COUNT, INTERVAL = 1, 10  # sent once, so the interval has no meaning; 10 is what the maker's code sends
 START, END, LENGTH = 0xAA, 0x55, 16
 LONG, REMOTE = 0x40, 0x80
 BIT_RATES = {1_000_000: 0, 500_000: 3, 250_000: 5, 125_000: 7}
@@ -28,11 +28,11 @@ _HEARD = struct.Struct("<BBBI8sB")
 
 
 class DamiaoBox(can.BusABC):
-    """A python-can bus on the adapter's serial port; bytes that are no frame are passed over."""
+    """A python-can bus on the adapter's serial port; bytes that are not part of a frame are skipped."""
 
     def __init__(self, channel: str, bitrate: int, **arguments: Any) -> None:
         if bitrate not in BIT_RATES:
-            raise ValueError(f"bitrate {bitrate}: the adapter knows {', '.join(map(str, BIT_RATES))}")
+            raise ValueError(f"bitrate {bitrate}: the adapter supports {', '.join(map(str, BIT_RATES))}")
         self._block = bytearray()
         self.channel_info = f"Damiao USB adapter {channel}"
         try:
@@ -68,7 +68,7 @@ class DamiaoBox(can.BusABC):
             self._block += data
 
     def shutdown(self) -> None:
-        """Close the port, also when the adapter is gone."""
+        """Close the port, even if the adapter is gone."""
         super().shutdown()
         with contextlib.suppress(OSError, serial.SerialException):
             self.port.close()
@@ -83,7 +83,7 @@ class DamiaoBox(can.BusABC):
             raise can.CanOperationError(f"the serial port is gone: {error}", error_code=19) from error
 
     def _next(self) -> can.Message | None:
-        """The next received frame among the bytes that have come."""
+        """The next received frame among the bytes that have arrived."""
         block = self._block
         while len(block) >= LENGTH:
             if block[0] != START or block[LENGTH - 1] != END:

@@ -1,4 +1,4 @@
-"""One servo drive as the host sees it: its identifiers, its frames, what it says of itself. One subclass a protocol."""
+"""One servo drive as the host sees it: its identifiers, its frames, and what it reports. One subclass per protocol."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from drivers.can_servo.scaling import Field
 from sim.can_wiring import CanOptions, RangeTable, ServoTable
 from sim.errors import DeviceError
 
-BEATS_MAX = 3  # periods of its heartbeat, after which a drive has none
+BEATS_MAX = 3  # heartbeat periods after which the heartbeat counts as missing
 T = TypeVar("T")
 
 
@@ -22,16 +22,16 @@ class NoAnswer(DeviceError):
     """A drive did not answer a question; it may answer others."""
 
 
-# Sends a frame and returns what the second argument made of the first frame for which it did not return None; NoAnswer after the last try.
+# Sends a frame; returns the first result of the second argument, called with each received frame, that is not None. NoAnswer if none is.
 Ask = Callable[[can.Message, Callable[[can.Message], "object | None"], str], object]
 
 
 @dataclass(frozen=True, slots=True)
 class DriveReading:
-    """The contents of one feedback frame, joint side: q rad, dq rad/s, tau N m, temperature degC (NaN where not reported).
+    """The contents of one feedback frame, joint side: q rad, dq rad/s, tau N m, temperature degC (NaN if not reported).
 
-    q is NaN where the frame carries the last value of its range: the joint may then stand anywhere beyond. on is None where the protocol
-    does not report it; error is empty or the drive's complaint.
+    q is NaN if the frame carries the first or last value of its range: the joint may then be anywhere beyond. on is None if the protocol
+    does not report it; error is empty or the error that the drive reports.
     """
 
     q: float
@@ -44,7 +44,7 @@ class DriveReading:
 
 @dataclass(frozen=True, slots=True)
 class Identity:
-    """What a drive reports of itself; `serial` is empty where it reports none, `watchdog` s is NaN there and 0 where it is off."""
+    """What a drive reports about itself. Without a report `serial` is empty, and `watchdog` (s) NaN; 0 is one that is off."""
 
     serial: str
     firmware: str
@@ -54,9 +54,9 @@ class Identity:
 
 @dataclass(frozen=True, slots=True)
 class SelfDescription:
-    """What a drive that no cell file describes reports of itself; what it does not report is empty, None or NaN.
+    """What a drive that no cell file describes reports about itself; what it does not report is empty, None or NaN.
 
-    ranges as in the cell file, watchdog s, q rad on the drive's side; problems are sentences about what must be set before it can be used.
+    ranges as in the cell file, watchdog s, q rad on the drive's side. problems are sentences on what must be set before the drive can be used.
     """
 
     serial: str = ""
@@ -71,9 +71,9 @@ class SelfDescription:
 class Drive(ABC):
     """Encodes commands and decodes answers of one drive; has no clock and knows nothing of other drives.
 
-    Coordinates are the joint's: q_joint = direction * q_drive + zero. `pushes` marks a protocol whose drives send unasked;
-    hand_turn rad on the drive's side shows that somebody turns the joint by hand.
-    `cycle` lists (extended, data bytes) of the frames of one control cycle, `beats` frames a second beside them.
+    Coordinates are the joint's: q_joint = direction * q_drive + zero. `pushes`: the drives of this protocol send unasked.
+    hand_turn: rad on the drive's side that show that the joint is turned by hand.
+    `cycle`: (extended, data bytes) of each frame of one control cycle; `beats`: further frames per second.
     """
 
     protocol: str
@@ -105,7 +105,7 @@ class Drive(ABC):
         self.kp_raw, self.kd_raw = self.kp_field.raw(self.servo.kp), self.kd_field.raw(self.servo.kd)
 
     def raw_target(self, q: float, dq: float, tau: float) -> tuple[int, int, int]:
-        """Integers of a joint-side target in drive coordinates; DeviceError where the frame cannot carry one."""
+        """Integers of a joint-side target in drive coordinates; DeviceError if the frame cannot carry one."""
         sign = self.direction
         return self.q_field.raw(sign * (q - self.zero_at)), self.dq_field.raw(sign * dq), self.tau_field.raw(sign * tau)
 
@@ -119,67 +119,67 @@ class Drive(ABC):
 
     @property
     def q_step(self) -> float:
-        """Step of the position that is reported, rad; 0 for a float."""
+        """Step of the reported position, rad; 0 for a float."""
         return self.q_field.factor
 
     @property
     def dq_step(self) -> float:
-        """Step of the speed that is reported, rad/s; 0 for a float."""
+        """Step of the reported speed, rad/s; 0 for a float."""
         return self.dq_field.factor
 
     @property
     @abstractmethod
     def key(self) -> Hashable:
-        """What `key_of` gives for a frame of this drive."""
+        """What `key_of` returns for a frame of this drive."""
 
     @staticmethod
     @abstractmethod
     def key_of(message: can.Message) -> Hashable | None:
-        """Which drive sent a frame; None for a frame that no drive of this protocol sends."""
+        """Key of the drive that sent a frame; None for a frame that no drive of this protocol sends."""
 
     @abstractmethod
     def is_command(self, message: can.Message) -> bool:
-        """Whether a frame commands this drive: received from outside, it means a second host."""
+        """Whether a frame commands this drive; if it is received, there is a second host."""
 
     @abstractmethod
     def command(self, q: float, dq: float, tau: float) -> tuple[can.Message, float]:
-        """Frame for a joint-side target, and the position it really asks for after quantisation."""
+        """Frame for a joint-side target, and the position that it requests after quantisation, rad."""
 
     @abstractmethod
     def refresh(self) -> list[can.Message]:
-        """Frames that ask for a reading and change nothing; sent only while the drive is off. Empty for a drive that pushes."""
+        """Frames that request a reading and change nothing; sent only while the drive is off. Empty for a drive that pushes."""
 
     @abstractmethod
     def decode(self, message: can.Message, now: float = math.nan) -> DriveReading | None:
-        """The reading in a frame of this drive that came at `now` s; None for another kind of frame, or one of wrong length or content.
+        """The reading in a frame of this drive that arrived at `now` s; None for another kind of frame, or one of wrong length or content.
 
-        What a heartbeat or a temperature message tells counts for BEATS_MAX of its periods, and not at all without `now`.
+        A heartbeat or a temperature message is valid for BEATS_MAX of its periods, and not at all without `now`.
         """
 
     @abstractmethod
     def identify(self, ask: Ask) -> Identity:
-        """Ask the drive what it is; reads only."""
+        """Ask the drive what it is; reads only, or uses `ask_by_off`."""
 
     @abstractmethod
     def set_watchdog(self, ask: Ask, seconds: float) -> float:
-        """Set the silence after which the drive switches off, and return what it reads back, s; NaN where it cannot be read."""
+        """Set, if possible, the silence after which the drive switches off; return it as read back, s, or NaN if it cannot be read."""
 
     @staticmethod
     @abstractmethod
     def question(node: int) -> can.Message:
-        """What a drive with this identifier answers with its own; changes nothing unless `question_switches_off`."""
+        """Frame that a drive with this identifier answers with its identifiers; changes nothing unless `question_switches_off`."""
 
     @staticmethod
     @abstractmethod
     def answering(message: can.Message) -> tuple[int, int] | None:
-        """(node, identifier of its answers) of the drive that answers `question`; None for another frame."""
+        """(node, identifier of its answers) of the drive that answered `question`; None for another frame."""
 
     @abstractmethod
     def describe(self, ask: Ask) -> SelfDescription:
-        """What the drive reports of itself, without anything being known of it but its identifiers; reads only, as `question` does."""
+        """What the drive reports about itself when only its identifiers are known; reads only."""
 
     def position_question(self) -> can.Message | None:
-        """Asks for the position alone; None for a drive that pushes."""
+        """Frame that requests only the position; None for a drive that pushes."""
         return self.refresh()[0]
 
     def position_in(self, message: can.Message) -> float | None:
@@ -212,7 +212,7 @@ class Drive(ABC):
         """Make the present angle the drive's zero."""
 
     def says(self, reading: DriveReading, on: bool) -> bool:
-        """Whether the drive counts as on, or as off: one with a heartbeat must say so, any other must not say the contrary."""
+        """Whether the drive counts as on, or as off: one with a heartbeat must report it, any other must not report the opposite."""
         return reading.on is on if self.beats else reading.on is not (not on)
 
     def stated_ranges(self) -> RangeTable:
@@ -225,7 +225,7 @@ class Drive(ABC):
 
 
 def answer_or_none(ask: Callable[[], T]) -> T | None:
-    """The answer to a request, or None for a firmware that does not answer it."""
+    """The answer to a request; None for firmware that does not answer it."""
     try:
         return ask()
     except NoAnswer:
@@ -233,5 +233,5 @@ def answer_or_none(ask: Callable[[], T]) -> T | None:
 
 
 def data_frame(identifier: int, data: bytes, extended: bool = False, fd: bool = False) -> can.Message:
-    """A data frame; with `fd` a CAN FD frame whose data go at the data bit rate."""
+    """A data frame; with `fd` a CAN FD frame whose data use the data bit rate."""
     return can.Message(arbitration_id=identifier, data=data, is_extended_id=extended, is_fd=fd, bitrate_switch=fd, check=False)

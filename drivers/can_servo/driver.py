@@ -1,4 +1,4 @@
-"""A servo arm on a CAN bus behind the driver interface: stream, hold, and fail in the open."""
+"""A servo arm on a CAN bus behind the driver interface: stream, hold, and latch faults."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ from sim.clock import Clock, MonotonicClock
 from sim.errors import ConfigError, DeviceError
 from sim.joint_state import JointState, Status
 
-SETTLE_TIME = 3.0  # s that an arm gets to stand still before its drives are switched off
+SETTLE_TIME = 3.0  # s for the arm to come to a standstill before its drives are switched off
 
 
 class CanServo(Driver):
-    """`send` puts one frame a drive on the wire at the next instant of the schedule, `read` waits for all answers.
+    """`send` puts one frame per drive on the wire at the next scheduled instant; `read` waits for all answers.
 
-    Drives are switched on by the first command, one joint after the other, each holding its place before the next; that
-    command must start where the arm stands. A fault is latched: nothing is sent after it but what holds the other joints.
+    `engage` or the first command switches the drives on, one joint after the other, each holding its position before the next. The
+    first command must start where the arm stands. A fault is latched: after it, only frames that hold the other joints are sent.
     """
 
     ready = frozenset({Status.RUNNING, Status.IDLE})
@@ -63,7 +63,7 @@ class CanServo(Driver):
         return cls(arm, options, rest, clock, lambda: Link.open(options, clock))
 
     def connect(self) -> DeviceInfo:
-        """Open the bus, find out who is on it, check and guard every drive, and read the arm. No torque. What was open is closed first."""
+        """Open the bus, identify and check its drives, set their watchdogs, and read the arm. No torque. An open bus is closed first."""
         self.close()
         with self._lock:
             self.drives: list[Drive] = make_drives(self.options)
@@ -82,7 +82,7 @@ class CanServo(Driver):
         return device_info(self, link, self._require().speeds)
 
     def listen(self, patience: float | None = None) -> DeviceInfo:
-        """Hear what the drives answer to the program that commands them; no frame is put on the bus, so serial numbers stay unknown."""
+        """Receive what the drives answer to the program that commands them; nothing is sent, so serial numbers stay unknown."""
         self.close()
         require_audible(self.options)
         self._listener = Listener(make_drives(self.options), self._open_link(), self.clock, self.rate)
@@ -96,14 +96,14 @@ class CanServo(Driver):
         return DeviceInfo(heard, "", "not asked", self.rate, extra={"bus": bus})
 
     def beside(self) -> str:
-        """A bus that several programs can be on at once, with drives whose frames need no question."""
+        """Empty for a bus that several programs can share, with drives whose ranges need not be asked for."""
         return "a virtual bus is within one process" if self.options.interface == "virtual" else inaudible(self.options)
 
     def halt(self) -> None:
-        """Brake from what the drives answered last, then hold there until `release`: in place of the program that commanded them."""
+        """Brake from the last answers of the drives, then hold until `release`, in place of the program that commanded them."""
         listener = self._listener
         if listener is None or listener.last is None:
-            raise DeviceError(f"{self.arm.name}: nobody has listened to the drives, so where they stand is not known")
+            raise DeviceError(f"{self.arm.name}: no answers of the drives have been received, so their positions are unknown")
         with self._lock:
             self.drives, self._listener, self._fault = list(listener.drives), None, None
             self._begin(listener.link).take_over(listener.last)
@@ -112,9 +112,9 @@ class CanServo(Driver):
             self._holder.hold()
 
     def read(self) -> JointState:
-        """All joints' answers to the last command; without one, the drives get a request at the next instant of the schedule.
+        """All joints' answers to the last command; without one, a request is sent at the next scheduled instant.
 
-        After `listen`, the next answers to whoever commands the drives.
+        After `listen`, the next answers to the program that commands the drives.
         """
         if self._listener is not None:
             return self._listener.read()
@@ -126,7 +126,7 @@ class CanServo(Driver):
                 raise self._latch(error) from None
 
     def send(self, q: np.ndarray, dq: np.ndarray, tau: np.ndarray) -> np.ndarray:
-        """Stream one target; the first switches the drives on. Returns the positions after quantisation, rad."""
+        """Stream one target; the first switches the drives on. Return the positions after quantisation, rad."""
         with self._lock:
             stream = self._require()
             command = stream.admitted(q, dq, tau)
@@ -149,13 +149,13 @@ class CanServo(Driver):
         return f"{self.arm.n} drives switched on, holding where the arm stands"
 
     def stop(self) -> None:
-        """Brake along the path with BRAKING, then hold there until `send` or `close`."""
+        """Brake along the path at BRAKING, then hold until `send` or `close`."""
         with self._lock:
             if self._stream is not None and self._stream.holding:
                 self._hold(self._stream)
 
     def close(self) -> None:
-        """Torque off and bus released, if the arm then stays where it is; otherwise a DeviceError, and the arm is held on."""
+        """Switch torque off and release the bus if the arm then stays in place; otherwise DeviceError, and the arm is still held."""
         if self._listener is not None:
             self._listener.link.close()
             self._listener = None
@@ -172,7 +172,7 @@ class CanServo(Driver):
         self.release()
 
     def release(self) -> None:
-        """Torque off wherever the arm stands: somebody supports it. DeviceError where a drive does not say that it is off."""
+        """Switch torque off in any pose; the arm must be supported. DeviceError if a drive does not report that it is off."""
         self._holder.release()
         with self._lock:
             if self._stream is None:
@@ -185,7 +185,7 @@ class CanServo(Driver):
                 stream.link.close()
 
     def keep(self) -> bool:
-        """Brake and hold where nobody has commanded for half the watchdog's time; False once there is nothing to hold."""
+        """Brake and hold if no command has come for half the watchdog time; False once there is nothing to hold."""
         with self._lock:
             stream = self._stream
             if stream is None or not stream.holding:
@@ -196,11 +196,11 @@ class CanServo(Driver):
             return stream.holding
 
     def checks(self) -> list[Check]:
-        """Bus load, watchdogs, serial numbers, temperatures, and where the arm stands."""
+        """Checks of bus load, watchdogs, serial numbers, temperatures, frames and rest pose."""
         return preflight_checks(self)
 
     def away_from_rest(self) -> str:
-        """Which joint is not where it may be switched off, as part of a sentence; empty where every joint is."""
+        """The first joint away from the rest pose, as part of a sentence; empty if none is or the arm needs no rest pose."""
         if self.options.brakes or self._rest is None:
             return ""
         return self.joints.away_from(self._rest, self.options.rest_tolerance)
@@ -234,7 +234,7 @@ class CanServo(Driver):
             self._holder.hold()
 
     def _hold(self, stream: Stream) -> None:
-        """One braking or holding frame to each drive. A fault of one joint does not end it."""
+        """Send one braking or holding frame to each drive; a fault of one joint is latched and does not end the holding."""
         try:
             stream.hold()
         except DeviceError as error:

@@ -1,4 +1,4 @@
-"""Torque that goes along with a position: what the nominal arm needs, so that the drive's stiffness corrects only the rest."""
+"""Torque sent with each position: what the nominal arm needs, so that the drive's stiffness corrects only the rest."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from sim.rigid_body import RigidBody
 
 
 class Feedforward:
-    """tau = M(q) ddq + C(q, dq) dq + g(q) of the nominal arm and its rotors; "gravity" is g(q) alone, "none" is zero.
+    """tau = M(q) ddq + C(q, dq) dq + g(q) of the nominal arm with its reflected inertia; kind "gravity" is g(q), "none" is zero.
 
-    ddq is the difference of two commanded speeds. q, dq (n,) rad, rad/s -> (n,) N m.
+    ddq is the difference of two commanded speeds per period. q, dq (n,) rad, rad/s -> (n,) N m.
     """
 
     def __init__(self, arm: Arm, kind: str, period: float) -> None:
@@ -20,7 +20,7 @@ class Feedforward:
         self._body = RigidBody(arm) if kind != "none" else None
         self._rotor = values_of(arm, "rotor_inertia", "inertia")
         self._last: tuple[float, np.ndarray] | None = None
-        # compiled here, where no drive waits for a command, and not on the first command
+        # compile here, where no drive waits for a command, rather than on the first command
         self(np.zeros(arm.n), np.zeros(arm.n), 0.0)
         self.hold(np.zeros(arm.n))
         self._last = None
@@ -38,7 +38,7 @@ class Feedforward:
         return self._body.inverse_dynamics(q[None], dq[None], ddq[None])[0] + self._rotor * ddq
 
     def hold(self, q: np.ndarray) -> np.ndarray:
-        """The torque that carries the arm at q."""
+        """The torque that holds the arm at q."""
         if self._body is None:
             return np.zeros(self._n)
         return self._body.gravity_torque(q[None])[0]

@@ -1,4 +1,4 @@
-"""Byte layouts of the servo frames, as integer shifts for the loop; tests hold them equal to configs/can/*.dbc.
+"""Byte layouts of the servo frames, as fast integer shifts; tests verify that they equal configs/can/*.dbc.
 
 Every function takes and returns raw integers; `scaling.Field` turns them into radians and newton metres.
 """
@@ -21,7 +21,7 @@ def mit_command(q: int, dq: int, kp: int, kd: int, tau: int) -> bytes:
 
 
 def mit_state(data: bytes) -> tuple[int, int, int]:
-    """q16, dq12, tau12 of a Feedback of damiao.dbc and cubemars.dbc; they stand in bytes 1 to 5."""
+    """q16, dq12, tau12 of a Feedback of damiao.dbc and cubemars.dbc; in bytes 1 to 5."""
     word = int.from_bytes(data[1:6], "big")
     return word >> 24, word >> 12 & 0xFFF, word & 0xFFF
 

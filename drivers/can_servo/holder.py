@@ -1,4 +1,4 @@
-"""Keeps an arm without brakes from falling after a stop, for as long as nobody else commands its drives."""
+"""Keeps an arm without brakes from falling after a stop, for as long as no command reaches its drives."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ from collections.abc import Callable
 
 
 class Holder:
-    """Calls `feed` every `period` s from a thread of its own until released; ends by itself when `feed` says False.
+    """Calls `feed` every `period` s from a thread of its own until released; ends by itself when `feed` returns False.
 
-    The thread is no daemon: a program that has ended with the arm in the air goes on holding it until Ctrl-C.
+    The thread is not a daemon: a program that has ended with the arm in the air keeps holding it until Ctrl-C.
     """
 
     def __init__(self, feed: Callable[[], bool], period: float) -> None:
@@ -23,14 +23,14 @@ class Holder:
         return self._thread is not None and self._thread.is_alive()
 
     def hold(self) -> None:
-        """Begin; again is harmless."""
+        """Start holding; repeated calls are harmless."""
         if not self.holding:
             self._end.clear()
             self._thread = threading.Thread(target=self._run, name="can-holder")
             self._thread.start()
 
     def release(self) -> None:
-        """End, and wait for the end; safe to call more than once and from the thread itself."""
+        """Stop holding and wait for the thread to end; safe to call more than once and from the thread itself."""
         self._end.set()
         if self._thread is not None and self._thread is not threading.current_thread():
             self._thread.join(1.0)

@@ -1,4 +1,4 @@
-"""What is known of each joint at this instant: its last reading, how old it is, and which answers of its drive are outstanding."""
+"""Current state of each joint: its last reading, how old it is, and which answers of its drive are outstanding."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from drivers.can_servo.senders import Senders
 from sim.clock import Clock
 from sim.errors import DeviceError
 
-PERIODS_MAX = 3  # a joint that is silent for so long is a fault
+PERIODS_MAX = 3  # periods of silence of a joint that are a fault
 OUTSTANDING_MAX = 20  # periods in which a late answer may still come; after that it is lost
-UNREQUESTED_MAX = 2  # answers in a row that nobody requested
-STRANGER_SHARE = 0.5  # a node that talks this much of what all drives do is babbling
+UNREQUESTED_MAX = 2  # unrequested answers in a row
+STRANGER_SHARE = 0.5  # frames of unknown nodes, per drive and period, above which they are babbling
 REJECTED_MAX = 3  # damaged frames in a row
 
 
 class Joints:
-    """Sorts frames to joints; `take` raises a DeviceError for everything that a healthy bus does not carry.
+    """Assigns frames to joints; `take` raises a DeviceError for anything that a healthy bus does not carry.
 
     fresh[j] is whether joint j has answered since `expect` was last called.
     """
@@ -45,7 +45,7 @@ class Joints:
         self.rejected = 0
 
     def expect(self, joints: Iterable[int]) -> None:
-        """Answers are due from these joints; a reading that is there already is not one."""
+        """Expect an answer from each of these joints; a reading that is already there does not count."""
         now = self.clock.now()
         for j in joints:
             if not self._surplus[j]:
@@ -59,7 +59,7 @@ class Joints:
             outstanding.append(now)
 
     def drain(self) -> None:
-        """Sort in everything that is there already, without waiting."""
+        """Process the frames that have already arrived, without waiting."""
         now = self.clock.now()
         while (message := self.link.receive(now)) is not None:
             self.take(message)
@@ -69,7 +69,7 @@ class Joints:
         return [j for j, fresh in enumerate(self.fresh) if not fresh]
 
     def take(self, message: can.Message) -> None:
-        """Sort one frame in; DeviceError for a second host, two drives with one identifier, a babbling node, damaged frames."""
+        """Process one frame; DeviceError for a second host, two drives with one identifier, a babbling node, damaged frames."""
         j = self._sender(message)
         if j is None:
             self._stranger(message)
@@ -96,7 +96,7 @@ class Joints:
         self._thermometer[j] |= not math.isnan(reading.temperature)
 
     def collect(self, until: float) -> None:
-        """Sort in what comes until every joint has answered, or the instant `until`."""
+        """Process frames until every joint has answered, or until the instant `until`."""
         until = min([until, *(self._waiting_since[j] + PERIODS_MAX * self.period for j in self.missing())])
         while self.missing():
             message = self.link.receive(until)
@@ -106,19 +106,19 @@ class Joints:
         self.require_age()
 
     def require_age(self) -> None:
-        """DeviceError names the joints that owe an answer for three periods."""
+        """DeviceError names the joints that have owed an answer for three periods."""
         now, limit = self.clock.now(), PERIODS_MAX * self.period * (1 - 1e-9)
         late = {j: now - self._waiting_since[j] for j in self.missing()}
         if any(not age < limit for age in late.values()):
             silent = ", ".join(self.drives[j].name for j, age in late.items() if not age < limit)
             raise DeviceError(
                 f"{silent}: silent for {1e3 * max(late.values()):.1f} ms, {PERIODS_MAX} periods of "
-                f"{1e3 * self.period:.1f} ms; look at cable and supply, and whether the drive has switched itself off"
+                f"{1e3 * self.period:.1f} ms; check cable and supply, and whether the drive has switched itself off"
             )
 
     def require_health(self, on: bool, temperature_max: float) -> None:
-        """DeviceError for a drive that reports an error, is hotter than temperature_max degC or no longer reports
-        how hot it is, or is off, or does not say that it is on, where `on` is expected."""
+        """DeviceError for a drive that reports an error, is at the end of its position range, is hotter than temperature_max degC
+        or no longer reports its temperature; if `on` is expected, also for one that is off or does not report that it is on."""
         for drive, reading, thermometer in zip(self.drives, self.readings, self._thermometer, strict=True):
             if reading is None:
                 raise DeviceError(f"{drive.name}: it has never answered")
@@ -133,13 +133,13 @@ class Joints:
                 )
             if on and not drive.says(reading, True):
                 raise DeviceError(
-                    f"{drive.name}: no heartbeat for more than {BEATS_MAX / drive.beats:g} s, so a fault, or that it has switched itself off, would not "
-                    "be noticed; set heartbeat_msg_rate_ms to 100 on it, and check its cable"
+                    f"{drive.name}: no heartbeat for more than {BEATS_MAX / drive.beats:g} s, so a fault or a switch-off would go "
+                    "unnoticed; set heartbeat_msg_rate_ms to 100 on it, and check its cable"
                 )
             if math.isnan(reading.q):
                 raise DeviceError(
-                    f"{drive.name}: its position stands at the end of the {drive.ranges.q:g} rad that its frames carry, so the joint may be "
-                    "anywhere beyond: turn it back by hand, set its zero anew with `calib servo`, or widen the range with the maker's tool"
+                    f"{drive.name}: its position is at the end of the {drive.ranges.q:g} rad that its frames carry, so the joint may be "
+                    "anywhere beyond: turn it back by hand, set its zero again with `calib servo`, or widen the range with the maker's tool"
                 )
             if reading.temperature > temperature_max:
                 raise DeviceError(
@@ -148,12 +148,12 @@ class Joints:
                 )
             if thermometer and math.isnan(reading.temperature):
                 raise DeviceError(
-                    f"{drive.name}: it no longer reports its temperature, so that it is too hot would not be noticed; look at its sensor, and set "
+                    f"{drive.name}: it no longer reports its temperature, so overheating would go unnoticed; check its sensor, and set "
                     "temperature_msg_rate_ms of an ODrive to 1000 or less"
                 )
 
     def away_from(self, pose: np.ndarray, tolerance: float) -> str:
-        """The first joint that is not within tolerance rad of pose (n,) rad, as part of a sentence; empty where all are."""
+        """The first joint that is not within tolerance rad of pose (n,) rad, as part of a sentence; empty if all are."""
         for drive, reading, wanted in zip(self.drives, self.readings, pose, strict=True):
             if reading is None or not abs(reading.q - wanted) <= tolerance:
                 stands = "is unknown" if reading is None else f"stands at {reading.q:.3f} rad, rest is {wanted:.3f} rad"
@@ -186,6 +186,6 @@ class Joints:
         if len(self._strangers) > allowed:
             worst, count = Counter(i for _, i in self._strangers).most_common(1)[0]
             raise DeviceError(
-                f"identifier {worst:#x}: a node that is no drive of this cell sent {count} frames in {1e3 * window:.0f} ms and "
-                "crowds the bus; take it off, or list it under ignore if it belongs here"
+                f"identifier {worst:#x}: a node that is not a drive of this cell sent {count} frames in {1e3 * window:.0f} ms and "
+                "crowds the bus; remove it, or list it under ignore if it belongs here"
             )

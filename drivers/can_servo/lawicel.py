@@ -1,4 +1,4 @@
-"""python-can's serial adapter bus with what a servo loop needs of it: refusals counted, status flags read, nothing left in a queue."""
+"""python-can's serial adapter bus as a servo loop needs it: refusals counted, status flags read, nothing left in a queue."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ WIDE_OF = {b"t": False, b"T": True, b"r": False, b"R": True, b"d": False, b"D": 
 class LawicelBus(slcanBus):
     """`refused` counts frames that the adapter answered with BELL; `state` is its last status reply.
 
-    Bytes are read in blocks and written at once: the parent reads one byte a call and waits until each frame has drained.
+    Bytes are read in blocks and written at once: the parent class reads one byte per call and waits until each frame has drained.
     """
 
     def __init__(self, channel: str, bitrate: int, data_bitrate: int | None = None, **arguments: Any) -> None:
@@ -45,17 +45,17 @@ class LawicelBus(slcanBus):
         raise can.CanOperationError("a serial adapter's state is read, not set")
 
     def ask_status(self) -> None:
-        """Ask for the status flags; the reply is noticed while receiving."""
+        """Request the status flags; the reply is evaluated while receiving."""
         self._write("F")
 
     def abandon(self) -> None:
-        """Throw away what has not left the computer, and close the adapter's channel, which empties its own queue."""
+        """Discard what has not left the computer, and close the adapter's channel, which empties its own queue."""
         with contextlib.suppress(can.CanError, OSError, termios.error):
             termios.tcflush(self.fileno(), termios.TCOFLUSH)
             self._write("C")
 
     def shutdown(self) -> None:
-        """Close the channel and the port, also when the adapter is gone."""
+        """Close the channel and the port, even if the adapter is gone."""
         with contextlib.suppress(can.CanError, OSError, termios.error):
             super().shutdown()
         self._is_shutdown = True
@@ -91,7 +91,7 @@ class LawicelBus(slcanBus):
             self._block += data
 
     def _line(self) -> str | None:
-        """The next frame among the bytes that have come; acknowledgements, refusals and flags are taken out."""
+        """The next frame among the bytes that have arrived; acknowledgements, refusals and flags are removed."""
         while True:
             ends = [i for i in (self._block.find(self._OK), self._block.find(self._ERROR)) if i >= 0]
             if not ends:

@@ -1,4 +1,4 @@
-"""The bus as the driver uses it: sending never waits, errors are counted, and once it has failed nothing more is sent."""
+"""The bus as the driver uses it: sending never waits, errors are counted, and after a failure nothing more is sent."""
 
 from __future__ import annotations
 
@@ -21,15 +21,15 @@ from sim.errors import DeviceError
 from sim.file_lock import lock_device
 
 FULL = {errno.ENOBUFS, errno.EAGAIN}
-FULL_IN_ROW_MAX = 2  # refused frames one after another; one alone is a hiccup
-ERROR_FRAMES_MAX, ERROR_FRAMES_WINDOW = 10, 1.0  # more in this time, s, is a bus that is not sound
-CROWDED = 10.0  # s beyond its end after which a wait for frames ends although they go on coming
-STATUS_PERIOD = 0.02  # s between two questions to a serial adapter
+FULL_IN_ROW_MAX = 2  # refused frames in a row; a single one is harmless
+ERROR_FRAMES_MAX, ERROR_FRAMES_WINDOW = 10, 1.0  # more within this time, s, are an unsound bus
+CROWDED = 10.0  # s after its end at which a wait for frames is given up although frames keep coming
+STATUS_PERIOD = 0.02  # s between two status requests to a serial adapter
 CAN_ERR_BUSOFF, CAN_ERR_CRTL, PASSIVE_BITS = 0x40, 0x04, 0x30  # linux/can/error.h
 
 
 class Link:
-    """One python-can bus. `sent`, `received`, `refused`, `error_frames` count; `failed` says why it is over, or is empty."""
+    """One python-can bus. `sent`, `received`, `refused`, `error_frames` count; `failed` is the reason of a failure, or empty."""
 
     def __init__(self, bus: can.BusABC, clock: Clock, where: str, address: str = "", claim: BinaryIO | None = None) -> None:
         self.bus, self.clock, self.where = bus, clock, where
@@ -43,26 +43,26 @@ class Link:
 
     @classmethod
     def open(cls, options: CanOptions, clock: Clock) -> Link:
-        """The bus that a cell names; DeviceError with the remedy where it cannot be opened, or another program of ours has it."""
+        """The bus that a cell names; DeviceError with the remedy if it cannot be opened, or another program of ours has it."""
         address = address_of(options)
         with contextlib.ExitStack() as undo:
-            # such an adapter belongs to whoever opened it: opening it again closes it under the arm that the first one holds
+            # such an adapter belongs to the program that opened it: a second open would close it while the first program holds an arm
             claim = None if options.interface in SHARED else undo.enter_context(lock_device(address))
             bus = opened(options)
             undo.pop_all()
         return cls(bus, clock, f"{options.interface} {options.channel}", address, claim)
 
     def claim(self, wait: bool = False) -> None:
-        """Keep other programs of ours from commanding on this bus until `close`; DeviceError that names the one that does.
+        """Keep other programs of ours from commanding on this bus until `close`; DeviceError names the one that does.
 
-        wait: not an error, because that one, which was ended, may need a moment to end; the caller asks again.
+        wait: no error, because a program that was killed may need a moment to end; the caller tries again.
         """
         if self._address and self._claim is None:
             with contextlib.suppress(*([DeviceError] if wait else [])):
                 self._claim = lock_device(self._address)
 
     def send(self, messages: Iterable[can.Message]) -> list[can.Message]:
-        """Put frames on the wire now or not at all; returns those that were accepted. DeviceError once the bus has failed."""
+        """Put frames on the wire now or not at all; return the accepted ones. DeviceError once the bus has failed."""
         self._require()
         accepted = []
         for message in messages:
@@ -84,9 +84,9 @@ class Link:
         return accepted
 
     def receive(self, until: float) -> can.Message | None:
-        """The next data frame, waiting until the instant `until`; None where none came. Error frames are evaluated here.
+        """The next data frame, waiting until the instant `until`; None if none has come. Error frames are evaluated here.
 
-        What waits already is returned after `until` as well, but no longer than CROWDED: a crowded bus never runs empty.
+        Frames that already wait are returned after `until` too, but only until CROWDED s later: a crowded bus never runs empty.
         """
         self._require()
         while True:
@@ -106,16 +106,16 @@ class Link:
             self._error_frame(message)
 
     def fail(self, why: str) -> DeviceError:
-        """End this link: drop what is queued, send nothing more. Returns the error to raise."""
+        """End this link: drop what is queued, send nothing more. Return the error to raise."""
         if not self.failed:
             self.failed = why
             self._abandon()
         return DeviceError(
-            f"{self.where}: {why}; the drives switch themselves off after their timeout: mend it, then start again"
+            f"{self.where}: {why}; the drives switch themselves off after their timeout: fix it, then start again"
         )
 
     def close(self) -> None:
-        """Give the bus back; safe to call more than once."""
+        """Release the bus; safe to call more than once."""
         if not self.failed:
             self.failed = "it has been closed"
         with contextlib.suppress(can.CanError, OSError):
@@ -135,7 +135,7 @@ class Link:
             raise self.fail("the transmit queue is full: the bus does not take the frames, check cable and termination")
 
     def _look(self) -> None:
-        """Bus state and refusals, as far as the interface reports them."""
+        """Check bus state and refusals, as far as the interface reports them."""
         bus = self.bus
         if isinstance(bus, LawicelBus):
             if bus.refused > self._bells:
@@ -176,7 +176,7 @@ class Link:
             bus.abandon()
         sock = getattr(bus, "_SocketCanDaemonBus__socket", None)
         if isinstance(sock, socket.socket):
-            # Linger of zero throws away what the network has not taken yet, so that it cannot arrive late.
+            # A linger of zero discards what the network has not taken yet, so that it cannot arrive late.
             with contextlib.suppress(OSError):
                 sock.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
         with contextlib.suppress(can.CanError, OSError):

@@ -1,4 +1,4 @@
-"""Hearing what drives answer to somebody else: frames are taken off the bus, and none is ever put on it."""
+"""Listen to what drives answer to another program: frames are received, and none is ever sent."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ from sim.clock import Clock
 from sim.errors import ConfigError, DeviceError
 from sim.joint_state import JointState, Status
 
-PATIENCE = 5.0  # s without one whole set of answers
+PATIENCE = 5.0  # s without a complete round of answers
 
 
 class Listener:
-    """`read` gives one state for each round of answers, in which every joint has sent once.
+    """`read` returns one state per round of answers, in which every joint has sent once.
 
-    A joint that sends again before all have sent means that an answer was lost: the round is given up and a new one begins, so that
-    a state never mixes two rounds. Answers of drives that are switched off, or whose heartbeat is missing, are passed over: they carry no torque, and replies to
-    questions about registers look like them.
+    If a joint sends again before all have sent, an answer was lost: the round is dropped and a new one begins, so that a state never
+    mixes two rounds. Answers of drives that are off, or whose heartbeat is missing, are ignored: they carry no torque, and replies to
+    register requests look like them.
     """
 
     def __init__(self, drives: Sequence[Drive], link: Link, clock: Clock, rate: float) -> None:
@@ -45,8 +45,8 @@ class Listener:
                 return self._state()
         received = ", ".join(self.drives[j].servo.joint for j in self._round) or "none of its drives"
         raise DeviceError(
-            f"{self.link.where}: in {self.patience:g} s not all drives have answered anybody, heard: {received}; drives answer only the program "
-            "that commands them, so start that program first, and look whether this one is on the same bus"
+            f"{self.link.where}: in {self.patience:g} s not all drives have sent an answer, received: {received}; drives answer only the program "
+            "that commands them, so start that program first, and check that this one is on the same bus"
         )
 
     def _take(self, message: can.Message) -> bool:
@@ -79,22 +79,22 @@ class Listener:
 
 
 def inaudible(options: CanOptions) -> str:
-    """Why nobody can listen: a bus that is one program's alone, frames that cannot be read without asking a drive for its ranges; else empty."""
+    """Why listening is impossible: a bus that serves one program only, or drives that must be asked for their ranges; else empty."""
     if options.interface not in SHARED:
         return (
-            f"{options.interface} {options.channel}: this adapter belongs to the program that opened it, nobody can listen beside it; reach "
-            "the bus through socketcan or socketcand (a serial adapter through slcand), or record a log and watch the log"
+            f"{options.interface} {options.channel}: this adapter belongs to the program that opened it, so no second one can listen; reach "
+            "the bus through socketcan or socketcand (a serial adapter through slcand), or record a log and watch that"
         )
     silent = [s.joint for s in options.servos if s.ranges is None and s.protocol != "odrive"]
     if silent:
         return (
-            f"{', '.join(silent)}: who only listens cannot ask a drive for its ranges; state them in its servo, as `calib servo "
-            "CELL --json` reports them while nobody commands the drives"
+            f"{', '.join(silent)}: a listener cannot ask a drive for its ranges; state them in its servo, as `calib servo "
+            "CELL --json` reports them while no program commands the drives"
         )
     return ""
 
 
 def require_audible(options: CanOptions) -> None:
-    """ConfigError where the bus is `inaudible`."""
+    """ConfigError if the bus is `inaudible`."""
     if reason := inaudible(options):
         raise ConfigError(reason)

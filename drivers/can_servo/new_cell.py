@@ -1,4 +1,4 @@
-"""The first cell file of a servo arm, from what a scan found and what hands showed; what nobody knows yet is left to be written in."""
+"""The first cell file of a servo arm, from a scan and from joints turned by hand; what is still unknown is left as TODO."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""ODrive axes on CANSimple; layout configs/can/odrive.dbc. Their own position loop, floats, cyclic messages, motor side."""
+"""ODrive axes on CANSimple; layout configs/can/odrive.dbc. They have their own position loop and cyclic messages; values are floats, motor side."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ VERSION, HEARTBEAT, RX_SDO, TX_SDO, ADDRESS, STATE, ESTIMATES, INPUT_POSITION, T
 IDLE, CLOSED_LOOP = 1, 8
 TURN = 2 * math.pi
 FEEDFORWARD_STEP = 0.001
-# s; temperature_msg_rate_ms may be any, and cannot be read without the firmware's own endpoint numbers: docs/first-day-can.md asks for this or less
+# s; temperature_msg_rate_ms cannot be read without the firmware's own endpoint numbers: docs/first-day-can.md asks for this or less
 TEMPERATURE_PERIOD = 1.0
 ERRORS = {
     0: "initialising", 1: "system level", 2: "timing error", 3: "missing estimate", 4: "bad configuration", 5: "driver fault",
@@ -30,14 +30,14 @@ ERRORS = {
 
 
 class ODrive(Drive):
-    """Estimates and torques come on their own (encoder_msg_rate_ms, torques_msg_rate_ms); a reading is complete with both.
+    """Estimates and torques arrive unasked (encoder_msg_rate_ms, torques_msg_rate_ms); a reading is complete with both.
 
-    Whether it is on stands in its heartbeat, its temperature in a message of its own; one older than BEATS_MAX of its periods counts as missing.
+    The heartbeat reports whether it is on, a separate message its temperature; one older than BEATS_MAX of its periods counts as missing.
     """
 
     protocol = "odrive"
     pushes = True
-    hand_turn = 1.2  # before a gear, which nobody has stated yet
+    hand_turn = 1.2  # before a gear, which is not stated yet
     cycle = ((False, 8), (False, 8), (False, 8), (False, 8))
     # heartbeat_msg_rate_ms (heartbeat_rate_ms until 0.5) is 100 unless configured: odriverobotics/ODrive docs/can-protocol.rst, "Cyclic
     # Messages" (commit 160aef2a)
@@ -119,7 +119,7 @@ class ODrive(Drive):
     def identify(self, ask: Ask) -> Identity:
         version = answer_or_none(lambda: ask(self._remote(VERSION), self._answer(VERSION), f"{self.name}: version"))
         address = answer_or_none(lambda: ask(self._remote(ADDRESS), self._answer(ADDRESS), f"{self.name}: serial number"))
-        if version is None and address is None:  # firmware before 0.6 knows neither, but every one sends its heartbeat
+        if version is None and address is None:  # firmware before 0.6 answers neither, but every version sends its heartbeat
             ask(self._remote(HEARTBEAT), self._answer(HEARTBEAT), f"{self.name}: version, serial number and heartbeat")
         firmware = ".".join(str(x) for x in version[4:7]) if isinstance(version, bytes) else "unknown"
         serial = f"{int.from_bytes(address[1:7], 'little'):012X}" if isinstance(address, bytes) else ""
@@ -168,11 +168,11 @@ class ODrive(Drive):
 
     def zero(self) -> can.Message:
         raise DeviceError(
-            f"{self.name}: an ODrive's zero is not set over CAN; set `zero` in the cell file, or its index offset with odrivetool"
+            f"{self.name}: an ODrive's zero cannot be set over CAN; set `zero` in the cell file, or its index offset with odrivetool"
         )
 
     def _spans(self) -> RangeTable:
-        """What the 16-bit feed-forwards carry, joint side; the position is a float and far beyond any joint."""
+        """Ranges that the 16-bit feed-forwards can carry, joint side; the position is a float, with a range beyond any joint."""
         top, gear = 32767 * FEEDFORWARD_STEP, self.servo.gear
         return RangeTable(q=1000.0, dq=top * TURN / gear, tau=top * gear)
 

@@ -15,9 +15,9 @@ from sim.errors import ConfigError, DeviceError
 from sim.resources import nearest
 
 SERVER_TIME = 2.0  # s in which a socketcand server takes a connection
-SHARED = ("socketcan", "socketcand", "virtual", "udp_multicast")  # several programs can be on such a bus at once
+SHARED = ("socketcan", "socketcand", "virtual", "udp_multicast")  # several programs can share such a bus
 SETS_NO_BITRATE = ("virtual", "socketcan", "socketcand", "udp_multicast")  # their bit rate is set outside python-can
-SETS_NO_FD = ("socketcand",)  # python-can's client of it knows classical frames only
+SETS_NO_FD = ("socketcand",)  # python-can's client supports classical frames only
 FD_PROTOCOLS = (can.CanProtocol.CAN_FD, can.CanProtocol.CAN_FD_NON_ISO)
 REMEDY = "plug the adapter in, bring its interface up, and check interface, channel and bus in the cell file"
 REMEDIES = {
@@ -30,7 +30,7 @@ PCAN_CLOCK = 80_000_000  # Hz, of PEAK's CAN FD adapters
 
 
 def address_of(options: CanOptions) -> str:
-    """What a bus is on this computer, whatever the cell file calls it; empty for one within this process."""
+    """Address of a bus on this computer, whatever the cell file calls it; empty for a bus within this process."""
     if options.interface == "virtual":
         return ""
     device = os.path.realpath(options.channel.partition("@")[0])  # python-can takes the baud rate of a line behind an @
@@ -41,19 +41,19 @@ def address_of(options: CanOptions) -> str:
 
 
 def opened(options: CanOptions) -> can.BusABC:
-    """The bus that a cell names; DeviceError with the remedy where it cannot be opened."""
+    """The bus that a cell names; DeviceError with the remedy if it cannot be opened."""
     where = f"{options.interface} {options.channel}"
     known = sorted({*can.VALID_INTERFACES, "damiao"})
     if options.interface not in known:
         raise ConfigError(
-            f"interface {options.interface!r:.40}: python-can has none of that name; {nearest(options.interface[:40], known)}; for "
+            f"interface {options.interface!r:.40}: python-can has no interface of that name; {nearest(options.interface[:40], known)}; for "
             f"another one install its python-can plugin. Candle-light adapters: {REMEDIES['gs_usb']}"
         )
     if options.interface == "socketcand":
         _require_server(options)
     try:
         bus = _made(options)
-    # python-can's interfaces raise all of these, NotImplementedError for what an adapter lacks
+    # python-can's interfaces raise all of these, NotImplementedError for what an adapter cannot do
     except (can.CanError, OSError, ValueError, TypeError, NotImplementedError, ImportError) as error:
         raise DeviceError(f"{where}: cannot be opened ({error}); {REMEDIES.get(options.interface, REMEDY)}") from error
     if options.data_bitrate is not None and bus.protocol not in FD_PROTOCOLS:
@@ -66,7 +66,7 @@ def opened(options: CanOptions) -> can.BusABC:
 
 
 def _made(options: CanOptions) -> can.BusABC:
-    """python-can's bus, or one of our own where python-can has none or one that waits."""
+    """python-can's bus, or our own where python-can has none, or one that blocks."""
     if options.interface == "slcan":
         serial: dict[str, Any] = {"sleep_after_open": 0.0, **options.bus}
         return LawicelBus(options.channel, options.bitrate, options.data_bitrate, **serial)
@@ -90,7 +90,7 @@ def _made(options: CanOptions) -> can.BusABC:
 
 
 def _require_server(options: CanOptions) -> None:
-    """DeviceError where nobody listens: python-can would try for ten seconds and log each of thousands of refusals."""
+    """DeviceError if no server listens: python-can would retry for ten seconds and log each of thousands of refusals."""
     host, port = options.bus.get("host"), options.bus.get("port")
     if not isinstance(host, str) or not isinstance(port, int) or isinstance(port, bool):
         raise ConfigError(

@@ -1,4 +1,4 @@
-"""What `calib check` asks a servo arm: does the traffic fit, do the drives switch off by themselves, are they who they should be?"""
+"""Checks of a servo arm for `calib check`: bus load, watchdogs, serial numbers, temperatures, frames, rest pose."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ LATE_MAX = 0.01  # of all answers
 
 
 def device_info(driver: CanServo, link: Link, speeds: Speeds) -> DeviceInfo:
-    """What stands on this bus, how speeds are known, and how soon its drives notice that nobody commands them."""
+    """The drives on this bus, how their speeds are known, and after what silence they switch off."""
     return DeviceInfo(
         model=f"{driver.arm.n} {driver.options.protocols} drives",
         serial=", ".join(i.serial for i in driver.identities if i.serial),
@@ -28,7 +28,7 @@ def device_info(driver: CanServo, link: Link, speeds: Speeds) -> DeviceInfo:
 
 
 def preflight_checks(driver: CanServo) -> list[Check]:
-    """The answers of a connected driver; nothing is sent."""
+    """The checks of a connected driver; nothing is sent."""
     return [_load(driver), _watchdogs(driver), _serials(driver), _temperatures(driver), _losses(driver), _rest(driver)]
 
 
@@ -51,7 +51,7 @@ def _watchdogs(driver: CanServo) -> Check:
 def _serials(driver: CanServo) -> Check:
     serials = [i.serial for i in driver.identities if i.serial]
     if not serials:
-        return Check("serial numbers", None, "these drives do not report theirs: look that each identifier sits on its joint")
+        return Check("serial numbers", None, "these drives do not report theirs: check that each identifier is on its joint")
     return Check("serial numbers", True, f"{len(serials)} of {driver.arm.n} drives answer with the numbers of the cell file")
 
 
@@ -68,7 +68,7 @@ def _temperatures(driver: CanServo) -> Check:
 def _losses(driver: CanServo) -> Check:
     link, joints = driver.link, driver.joints
     assert link is not None
-    # drives that answer, answer each frame once; from those that send by their own clock only what was missed is known
+    # a drive that answers sends one answer per frame; of drives that send by their own clock only missed readings are known
     lost = joints.lost if any(d.pushes for d in driver.drives) else max(0, link.sent - link.received)
     late = joints.lost - min(lost, joints.lost)
     detail = (

@@ -24,7 +24,7 @@ class NotReported(DeviceError):
 
 
 class RobStride(Drive):
-    """One answer for each command; silence puts the drive into reset mode, without a fault bit."""
+    """One answer to each command; silence puts the drive into reset mode, without a fault bit."""
 
     protocol = "robstride"
     extended = True
@@ -129,13 +129,13 @@ class RobStride(Drive):
         return self._frame(ZERO, b"\x01" + bytes(7))
 
     def _check_position_range(self, ask: Ask) -> None:
-        """The float of parameter mechPos must be what the scaled field says, or the stated range is another model's."""
+        """DeviceError unless parameter mechPos (a float) agrees with the scaled field: else the stated range is another model's."""
         scaled = ask(self.ask_by_off(), self._feedback, f"{self.name}: state")
         assert isinstance(scaled, DriveReading)
         stated = self.joint_side(frames.as_float(self._read(ask, POSITION)))
         if not math.isclose(scaled.q, stated, abs_tol=0.01 + 0.002 * abs(stated)):
             raise DeviceError(
-                f"{self.name}: the scaled position says {scaled.q:.4f} rad, parameter mechPos {stated:.4f} rad; "
+                f"{self.name}: the scaled position is {scaled.q:.4f} rad, parameter mechPos {stated:.4f} rad; "
                 f"ranges.q = {self.ranges.q} is not this drive's: take it from the manual of its model and firmware"
             )
 
@@ -143,7 +143,7 @@ class RobStride(Drive):
         return self.decode(message) if self.key_of(message) == self.key else None
 
     def _timeout(self, ask: Ask) -> float:
-        """Parameter 0x7028 in s; NaN for firmware that does not have it, as CyberGear's manual does not list it."""
+        """Parameter 0x7028 in s; NaN for firmware that does not have it (CyberGear's manual does not list it)."""
         try:
             return self._read(ask, CAN_TIMEOUT) * TICK
         except (NoAnswer, NotReported):

@@ -9,7 +9,7 @@ class Field:
     """raw = round((x - low) / factor), factor = (high - low) / (2^bits - 1); x in [low, high], ties to even.
 
     Vendor code truncates instead, which shifts every value by half a step on average; cantools rounds like this.
-    A value outside the range is a DeviceError and never clamped: the drive would do something else than was commanded.
+    A value outside the range is a DeviceError and never clamped: the drive would not do what was commanded.
     """
 
     __slots__ = ("factor", "high", "low", "name", "top", "unit")

@@ -1,6 +1,7 @@
-"""Which drives are on a bus? Every identifier is queried in every protocol, classical and CAN FD; no torque is switched on or off.
+"""Find the drives on a bus: every identifier is queried in every protocol, in classical CAN and CAN FD. No torque is switched on.
 
-CubeMars drives, and Damiao drives that know no registers, answer only orders; the mildest is off, so they are queried only where the arm is supported.
+CubeMars drives, and Damiao drives without registers, answer only orders. The mildest is off, so they are queried only if the arm is
+supported; no other query switches torque off.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from sim.clock import Clock
 from sim.errors import DeviceError
 
 NODES = {"damiao": range(1, 128), "robstride": range(1, 128), "odrive": range(63), "cubemars": range(1, 128)}
-BURST, BURST_TIME, LINGER = 4, 0.002, 0.05  # frames sent together, s until the next ones, s for the last answers
+BURST, BURST_TIME, LINGER = 4, 0.002, 0.05  # frames sent together, s until the next ones, s for the last answers to arrive
 HEARTBEAT_TIME = 0.15  # s in which an ODrive sends a heartbeat
 ODRIVE_CYCLIC = (0x01, 0x09, 0x14, 0x15, 0x17, 0x1C)  # what an ODrive sends unasked
 CUBEMARS_STATUS = 0x29  # bits 28-8 of the identifier of what CubeMars drives send unasked in servo mode
@@ -27,7 +28,7 @@ CUBEMARS_STATUS = 0x29  # bits 28-8 of the identifier of what CubeMars drives se
 
 @dataclass(frozen=True)
 class Found:
-    """A drive that answered: its identifiers and frame format, what it reports of itself, and the object that commands it."""
+    """A drive that answered: its identifiers and frame format, what it reports about itself, and the object that commands it."""
 
     protocol: str
     node: int
@@ -51,14 +52,14 @@ class Scan:
 
 
 def scan(link: Link, clock: Clock, options: CanOptions, supported: bool = False) -> Scan:
-    """Query every identifier; DeviceError where the bus is not sound. `supported`: drives may be queried with the order off."""
+    """Query every identifier; DeviceError if the bus is not sound. `supported`: drives may be queried with the order off."""
     link.claim()
     beating, notes = _unrequested(link, clock)
     seen: dict[tuple[str, int], list[can.Message]] = {}
     for protocol, kind in PROTOCOLS.items():
         if kind.question_switches_off and not supported:
             notes.append(
-                f"{protocol} drives answer only orders, the mildest is off: not asked; add --supported where switching torque off drops nothing"
+                f"{protocol} drives answer only orders, the mildest is off: not queried; add --supported if switching torque off drops nothing"
             )
             continue
         for fd in (False, True):
@@ -71,7 +72,7 @@ def scan(link: Link, clock: Clock, options: CanOptions, supported: bool = False)
             for node, message in _sweep(link, clock, kind, nodes, fd):
                 seen.setdefault((protocol, node), []).append(message)
     notes += [
-        f"node {node} sends heartbeats as an ODrive does, and no serial number: firmware before 0.6; write its servo by hand"
+        f"node {node} sends heartbeats as an ODrive does, but no serial number: firmware before 0.6; write its servo by hand"
         for node in sorted(beating)
         if ("odrive", node) not in seen
     ]
@@ -80,16 +81,16 @@ def scan(link: Link, clock: Clock, options: CanOptions, supported: bool = False)
         _described(enquiry, protocol, node, answers, options, supported) for (protocol, node), answers in sorted(seen.items())
     ]
     serials = Counter(f.described.serial for f in found if f.described.serial)
-    notes += [f"{n} drives report the serial number {s}: it tells nothing apart" for s, n in serials.items() if n > 1]
+    notes += [f"{n} drives report the serial number {s}: it does not distinguish them" for s, n in serials.items() if n > 1]
     if link.error_frames:
         notes.append(
-            f"{link.error_frames} error frames: a drive with another bit rate or with CAN FD on a classical bus, or an unsound cable"
+            f"{link.error_frames} error frames: a drive with another bit rate or with CAN FD on a classical bus, or a faulty cable"
         )
     return Scan(tuple(found), tuple(notes))
 
 
 def _unrequested(link: Link, clock: Clock) -> tuple[set[int], list[str]]:
-    """What is on the bus before any query: nodes with an ODrive's heartbeat, and sentences about everything that no drive sends."""
+    """Traffic before any query: nodes with an ODrive's heartbeat, and sentences about everything that an ODrive does not send."""
     end, counts = clock.now() + HEARTBEAT_TIME, Counter[tuple[bool, int]]()
     while (message := link.receive(end)) is not None:
         counts[message.is_extended_id, message.arbitration_id] += 1
@@ -101,13 +102,13 @@ def _unrequested(link: Link, clock: Clock) -> tuple[set[int], list[str]]:
             )
         elif wide or identifier & 0x1F not in ODRIVE_CYCLIC:
             notes.append(
-                f"identifier {identifier:#x} was on the bus before anybody was asked ({count} frames): is another program running?"
+                f"identifier {identifier:#x} was on the bus before any query ({count} frames): is another program running?"
             )
     return {identifier >> 5 for wide, identifier in counts if not wide and identifier & 0x1F == 1}, notes
 
 
 def _sweep(link: Link, clock: Clock, kind: type[Drive], nodes: Sequence[int], fd: bool) -> Iterator[tuple[int, can.Message]]:
-    """The answers to the question of one protocol, each with the node that gave it."""
+    """The answers to the question of one protocol, each with its node."""
     for first in range(0, len(nodes), BURST):
         questions = [kind.question(node) for node in nodes[first : first + BURST]]
         for question in questions:

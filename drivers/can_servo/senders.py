@@ -1,4 +1,4 @@
-"""Which drive of an arm sent a frame."""
+"""From a received frame to the drive that sent it."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from drivers.can_servo.drive import Drive
 
 
 class Senders:
-    """Which drive of an arm sent a frame; drives of several protocols may share a bus."""
+    """Finds the drive of an arm that sent a frame; drives of several protocols may share a bus."""
 
     def __init__(self, drives: Sequence[Drive]) -> None:
         self._kinds = list(dict.fromkeys(type(d) for d in drives))

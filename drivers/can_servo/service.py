@@ -1,4 +1,4 @@
-"""One joint at a time, before an arm is streamed to: look at its drive, clear its error, set its zero, switch it off."""
+"""Service of one joint at a time, before streaming: inspect its drive, clear its error, set its zero, switch it off."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ from sim.clock import Clock, MonotonicClock
 from sim.errors import DeviceError
 
 Order = Literal["clear", "zero", "off"]
-MOVED = 0.01  # rad between two looks from which a joint is not at rest
-ZERO_REACHED = 0.01  # rad from the new zero that the drive may then report
+MOVED = 0.01  # rad between two readings; beyond it a joint is not at rest
+ZERO_REACHED = 0.01  # rad by which the reported position may then differ from the new zero
 
 
 @dataclass(frozen=True, slots=True)
 class Look:
-    """What one drive says: joint, identity and reading, and a sentence where its serial number is not the cell file's."""
+    """What one drive reports: joint, identity and reading, and a sentence if its serial number is not the cell file's."""
 
     joint: str
     identity: Identity
@@ -35,7 +35,7 @@ class Look:
 
 
 class Service:
-    """A bus opened for looking and setting, never for moving: no method switches torque on. A context manager."""
+    """A bus opened for reading and setting, never for moving: no method switches torque on. A context manager."""
 
     def __init__(self, options: CanOptions, clock: Clock, open_link: Callable[[], Link]) -> None:
         self.options, self.clock, self._open_link = options, clock, open_link
@@ -61,9 +61,9 @@ class Service:
         self.link.close()
 
     def look(self, joint: str, supported: bool = False) -> Look:
-        """Ask one drive who it is and how it is; DeviceError where that switches its torque off and the arm might fall.
+        """Identity and state of one drive; DeviceError if asking switches its torque off and the arm might fall.
 
-        supported as `do` has it.
+        supported: as in `do`.
         """
         drive = self._drive(joint)
         drive.may_ask_by_off = self.options.brakes or supported
@@ -75,9 +75,9 @@ class Service:
         return Look(joint, identity, self._reading(drive), problem)
 
     def do(self, joint: str, order: Order, supported: bool = False) -> DriveReading:
-        """Carry out one order on one joint, and the reading afterwards; DeviceError where it would be unsafe or did not work.
+        """Carry out one order on one joint and return the reading afterwards; DeviceError if it is unsafe or did not work.
 
-        supported says that somebody or something carries the arm: torque off drops an arm without brakes.
+        supported: a person or a support carries the arm; torque off drops an arm without brakes.
         """
         drive, before = self._drive(joint), self.look(joint, supported)
         if before.serial_problem:
@@ -85,7 +85,7 @@ class Service:
                 f"{drive.name}: serial number {before.identity.serial}, but {before.serial_problem}; nothing was done"
             )
         if order in ("off", "clear") and before.reading.on is not False and not (self.options.brakes or supported):
-            raise DeviceError(f"{drive.name}: torque off drops an arm without brakes; support it, then say so with --supported")
+            raise DeviceError(f"{drive.name}: torque off drops an arm without brakes; support it, then add --supported")
         if order == "zero":
             self._require_still(drive, before.reading)
         message = {"clear": drive.clear, "zero": drive.zero, "off": drive.disable}[order]()
@@ -98,7 +98,7 @@ class Service:
             raise DeviceError(f"{drive.name}: the error came back: {after.error}; its cause is still there")
         if order == "off" and not drive.says(after, False):
             raise DeviceError(
-                f"{drive.name}: it does not say that it is off; use the emergency stop, then look at its supply and cable"
+                f"{drive.name}: it does not report that it is off; use the emergency stop, then check its supply and cable"
             )
         if order == "zero" and not abs(after.q - drive.joint_side(0.0)) <= ZERO_REACHED:
             raise DeviceError(
@@ -108,11 +108,13 @@ class Service:
 
     def _require_still(self, drive: Drive, reading: DriveReading) -> None:
         if reading.on:
-            raise DeviceError(f"{drive.name}: its zero is not moved while it is on, the arm would jump; switch it off first")
+            raise DeviceError(
+                f"{drive.name}: its zero cannot be set while it is on, because the arm would jump; switch it off first"
+            )
         self.clock.sleep_until(self.clock.now() + 0.2)
         moved = abs(self._reading(drive).q - reading.q)
         if not moved <= MOVED:
-            raise DeviceError(f"{drive.name}: it moved by {moved:.4f} rad while its zero was to be set; hold it still")
+            raise DeviceError(f"{drive.name}: it moved by {moved:.4f} rad, so its zero was not set; hold it still")
 
     def _drive(self, joint: str) -> Drive:
         return next(d for d in self.drives if d.servo.joint == joint)

@@ -1,4 +1,4 @@
-"""Speed from positions, where the drive's own speed field is too coarse to be of use."""
+"""Speed from positions, for drives whose own speed field is too coarse."""
 
 from __future__ import annotations
 
@@ -6,17 +6,17 @@ from collections.abc import Sequence
 
 import numpy as np
 
-WINDOW_MAX = 0.1  # s; longer looks back too far
+WINDOW_MAX = 0.1  # s; a longer window looks back too far
 
 
 def end_slope_gain(samples: int) -> float:
-    """Standard deviation of the end slope of a parabola through `samples` equidistant points, per noise and spacing."""
+    """Standard deviation of the end slope of a parabola fitted to `samples` equidistant points, for unit noise and spacing."""
     i = np.arange(samples) - (samples - 1.0)
     return float(np.linalg.norm(np.linalg.pinv(np.stack([np.ones(samples), i, i * i], axis=1))[1]))
 
 
 def window_for(q_step: float, dq_step: float, rate: float) -> int:
-    """The shortest window whose quantisation noise is below that of the speed field; 0 where the field is the better one.
+    """The shortest window, samples, whose quantisation noise is below that of the speed field; 0 if the field is better.
 
     gain(M) q_step rate <= dq_step, both divided by sqrt(12); q_step rad, dq_step rad/s, rate Hz. A step of 0 is a float.
     """
@@ -31,8 +31,8 @@ def window_for(q_step: float, dq_step: float, rate: float) -> int:
 class Differentiator:
     """dq(t_k) = slope at t_k of the parabola fitted to the last M positions; exact for constant acceleration.
 
-    A position that has been the same for a time T bounds it to q_step / T: a joint that dry friction has caught stands at once, and a
-    parabola would show speed for the rest of its window.
+    A position unchanged for a time T bounds |dq| to q_step / T: a joint stopped by dry friction stands at once, while the parabola would
+    show a speed for the rest of its window.
     """
 
     def __init__(self, samples: int, q_step: float) -> None:
@@ -56,7 +56,7 @@ class Differentiator:
 
 
 class Speeds:
-    """dq (n,) of a whole arm: of each joint from its positions, or the drive's own field where that is the finer one.
+    """dq (n,) of a whole arm: each joint's from its positions, or from the drive's own field where that is finer.
 
     steps: (q_step rad, dq_step rad/s) of each joint; windows: samples that each joint looks back over, 0 for the field.
     """
@@ -66,7 +66,7 @@ class Speeds:
         self._each = [Differentiator(w, q) if w else None for w, (q, _) in zip(self.windows, steps, strict=True)]
 
     def __call__(self, t: float, q: np.ndarray, dq: np.ndarray) -> np.ndarray:
-        """(n,) rad/s of the reading at t s with positions q (n,) rad and the drives' own speeds dq (n,) rad/s."""
+        """(n,) rad/s of the reading at t s, from positions q (n,) rad and the drives' own speeds dq (n,) rad/s."""
         found = dq.copy()
         for j, differentiator in enumerate(self._each):
             if differentiator is not None and not np.isnan(slope := differentiator(t, float(q[j]))):

@@ -1,4 +1,4 @@
-"""What goes out on the bus and what comes back while drives are commanded: one frame a drive at each instant of a schedule."""
+"""Streaming to commanded drives: one frame per drive at each scheduled instant, and the answers to it."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from sim.clock import Clock
 from sim.errors import DeviceError
 from sim.joint_state import JointState, Status
 
-BRAKING = 4.0  # rad/s^2 of the fastest joint, the others keep their share: what every arm of this kind can brake with
+BRAKING = 4.0  # rad/s^2 of the fastest joint, the others in proportion: every arm of this kind can brake with it
 STANDSTILL = 0.05  # rad/s
 
 
 class Stream:
-    """From the bus that was opened to the bus that is let go. Every method raises a DeviceError for what a healthy bus does not carry.
+    """Commands and readings of an open bus. Every method raises a DeviceError for anything that a healthy bus does not carry.
 
     on: whether the drives are switched on.
     """
@@ -37,18 +37,18 @@ class Stream:
         self.joints = Joints(drives, link, clock, self.rate, options.ignore)
         self.speeds = Speeds([(d.q_step, d.dq_step) for d in drives], self.rate)
         self.on = self._requested = False
-        # A drive that sends by its own clock is waited for; one that answers gets another request at the next instant.
+        # Wait for a drive that sends by its own clock; one that answers gets another request at the next instant.
         self._patience = PERIODS_MAX / self.rate
         self._next = self._sent_at = clock.now()
         self._target = Target(drives, feedforward, BRAKING, PERIODS_MAX / self.rate)
 
     @property
     def holding(self) -> bool:
-        """Whether the drives carry the arm and hear what they are sent."""
+        """Whether the drives carry the arm and receive what they are sent."""
         return self.on and not self.link.failed
 
     def read(self) -> JointState:
-        """All joints' answers to the last command; without one, the drives get a request at the next instant of the schedule."""
+        """All joints' answers to the last command; without one, a request is sent at the next scheduled instant."""
         if not self._requested:
             self._transmit(range(len(self.drives)))
         while True:
@@ -65,14 +65,14 @@ class Stream:
         return self._state()
 
     def send(self, q: np.ndarray, dq: np.ndarray, tau: np.ndarray) -> np.ndarray:
-        """One target at the next instant of the schedule; the positions after quantisation, rad."""
+        """Send one target at the next scheduled instant; return the positions after quantisation, rad."""
         sent = self._target.follow(q, dq, tau, self.clock.now())
         self._transmit(range(len(self.drives)))
         return sent
 
     def admitted(self, q: np.ndarray, dq: np.ndarray, tau: np.ndarray) -> list[np.ndarray]:
-        """A command as arrays of its own: finite, and after a pause where the arm is held, or stands while the drives are off."""
-        # copies that can be written to: compiled dynamics would be compiled again, a second and more, for arrays that cannot
+        """Copies of a command; DeviceError unless it is finite and, if the arm is held or its drives are off, starts where it stands."""
+        # writable copies: for read-only arrays the dynamics would be compiled again, which takes a second or more
         arrays, n = [np.array(x, dtype=float) for x in (q, dq, tau)], len(self.drives)
         if not all(x.shape == (n,) and bool(np.all(np.isfinite(x))) for x in arrays):
             raise DeviceError(f"{self.name}: a command needs {n} finite numbers each for q, dq, tau; nothing was sent")
@@ -89,7 +89,7 @@ class Stream:
         return arrays
 
     def switch_on(self) -> None:
-        """The drives on, one joint after the other, each holding where it stands."""
+        """Switch the drives on, one joint after the other, each holding where it stands."""
         self._requested = False
         self._target.stand(self.read().q, self.clock.now())
         switch_on(self.link, self.joints, self.clock, self._target.frames)
@@ -97,18 +97,18 @@ class Stream:
         self._next = self._sent_at + 1.0 / self.rate
 
     def take_over(self, state: JointState) -> None:
-        """Command drives that somebody else has switched on, from where they stood last."""
+        """Command drives that another program has switched on, from their last state."""
         self._target.follow(state.q, state.dq, np.zeros(len(self.drives)), self.clock.now())
         self.on = True
 
     def hold(self) -> None:
-        """One braking or holding frame to each drive at once, whatever else is on the bus; answers sorted in."""
+        """Send one braking or holding frame to each drive at once, whatever else is on the bus, and process the answers."""
         self._sent_at = self.clock.now()
         self._target.brake(self._sent_at)
         fault: DeviceError | None = None
         try:
             self.joints.drain()
-        except DeviceError as error:  # a node that babbles, a second host: the arm gets its frames first
+        except DeviceError as error:  # a babbling node, a second host: the arm gets its frames first
             fault = error
         self.joints.expect(range(len(self.drives)))
         self.link.send(self._target.frames)
@@ -117,15 +117,15 @@ class Stream:
         self.joints.collect(self.clock.now() + 0.5 / self.rate)
 
     def neglected(self) -> bool:
-        """Whether the arm brakes already, or nobody has commanded for half the time of the watchdogs."""
+        """Whether the arm is already braking, or no command has come for half the watchdog time."""
         return self._target.braking or self.clock.now() - self._sent_at > self.options.watchdog / 2
 
     def stands(self) -> bool:
-        """Whether every joint was last read at a standstill."""
+        """Whether every joint stood still in its last reading."""
         return all(r is not None and abs(r.dq) < STANDSTILL for r in self.joints.readings)
 
     def _transmit(self, joints: Iterable[int]) -> None:
-        """The present target to these joints, or only a question while the drives are off, at the next instant of the schedule."""
+        """Send these joints the current target, or only a request while the drives are off, at the next scheduled instant."""
         joints = list(joints)
         self.clock.sleep_until(self._next)
         now, period = self.clock.now(), 1.0 / self.rate

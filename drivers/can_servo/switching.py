@@ -1,4 +1,4 @@
-"""Torque on, one joint after the other; torque off, until every drive says so."""
+"""Torque on, one joint after the other; torque off, until every drive reports it."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from drivers.can_servo.link import Link
 from sim.clock import Clock
 from sim.errors import DeviceError
 
-SWITCH_TIME = 0.5  # s in which a drive says that it is on, or off
+SWITCH_TIME = 0.5  # s within which a drive must report that it is on, or off
 
 
 def switch_on(link: Link, joints: Joints, clock: Clock, holding: Sequence[can.Message]) -> None:
-    """Every drive on, each holding by its frame of `holding` before the next; all off again, as before, if one does not follow."""
+    """Switch every drive on, each holding with its frame of `holding` before the next; all off again if one does not follow."""
     try:
         for j in range(len(joints.drives)):
             _switch_on_one(link, joints, clock, holding, j)
@@ -42,17 +42,17 @@ def _switch_on_one(link: Link, joints: Joints, clock: Clock, holding: Sequence[c
             raise DeviceError(
                 f"{drive.name}: it does not switch on: {reading.error}; find the cause, then clear it with `calib servo`"
             )
-        # a drive with a heartbeat says whether it is on: without one, neither that nor its errors would ever show
+        # a drive with a heartbeat must report that it is on: without it, neither that nor its errors would ever show
         if reading is not None and drive.says(reading, True) and not joints.missing():
             return
         if clock.now() > end:
             raise DeviceError(
-                f"{drive.name}: it does not say that it is on within {SWITCH_TIME:g} s; look at its supply and mode"
+                f"{drive.name}: it does not report that it is on within {SWITCH_TIME:g} s; check its supply and mode"
             )
 
 
 def switch_off(link: Link, joints: Joints, clock: Clock) -> None:
-    """Torque off, sent again until every drive that can report it reports that it is off; DeviceError names those that do not."""
+    """Torque off, sent again until every drive that can report it does; DeviceError names those that do not."""
     drives, end, again = joints.drives, clock.now() + SWITCH_TIME, -math.inf
     while clock.now() < end and not link.failed:
         try:
@@ -73,6 +73,6 @@ def switch_off(link: Link, joints: Joints, clock: Clock) -> None:
     still_on = [d.name for d, r in zip(drives, joints.readings, strict=True) if r is None or not d.says(r, False)]
     if still_on:
         raise DeviceError(
-            f"{', '.join(still_on)}: torque was switched off, but the drive does not say so; keep away until its watchdog has run "
-            "out, or use the emergency stop"
+            f"{', '.join(still_on)}: torque was switched off, but the drive does not report it; keep away until its watchdog has "
+            "expired, or use the emergency stop"
         )

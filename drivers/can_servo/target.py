@@ -1,4 +1,4 @@
-"""The next command of the drives: a streamed target, or one that brakes along its path and then stands."""
+"""The next command to the drives: a streamed target, or one that brakes along its path and then stands."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from drivers.can_servo.feedforward import Feedforward
 
 
 class Target:
-    """q (n,) rad and dq (n,) rad/s last commanded, and one ready frame for each drive in `frames`."""
+    """Last commanded q (n,) rad and dq (n,) rad/s, with one ready frame per drive in `frames`."""
 
     def __init__(self, drives: Sequence[Drive], feedforward: Feedforward, deceleration: float, step_max: float) -> None:
         self._drives, self._feedforward = drives, feedforward
@@ -23,11 +23,11 @@ class Target:
 
     @property
     def braking(self) -> bool:
-        """Whether the target slows down or stands by itself."""
+        """Whether the target is braking, or stands after braking."""
         return self._braked_at is not None
 
     def follow(self, q: np.ndarray, dq: np.ndarray, tau: np.ndarray, now: float) -> np.ndarray:
-        """A new streamed target with extra torque tau (n,) N m; returns the positions after quantisation. Unchanged where refused."""
+        """Take a new target with extra torque tau (n,) N m; return the positions after quantisation. A refused one changes nothing."""
         torque = self._feedforward(q, dq, now) + tau
         made = [d.command(*x) for d, *x in zip(self._drives, q.tolist(), dq.tolist(), torque.tolist(), strict=True)]
         self.q, self.dq, self._braked_at = q.copy(), dq.copy(), None
@@ -40,7 +40,7 @@ class Target:
         self._braked_at = now
 
     def brake(self, now: float) -> None:
-        """Move on along the path ever slower: the fastest joint loses the deceleration, the others keep their share of its speed."""
+        """Brake along the path: the fastest joint slows down at the deceleration, the others keep their ratio to its speed."""
         elapsed = 0.0 if self._braked_at is None else min(now - self._braked_at, self._step_max)
         self._braked_at = now
         fastest = float(np.max(np.abs(self.dq)))

@@ -1,4 +1,4 @@
-"""Whole turns that a drive forgot: with its power off it counts none, so it may wake up a turn away from where it stands."""
+"""Whole turns that a drive lost: it counts none without power, so after power-on it may read a whole turn off."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from sim.errors import DeviceError
 
 
 def turns_off(drives: Sequence[Drive], arm: Arm, q: np.ndarray, rest: np.ndarray | None, tolerance: float) -> dict[int, int]:
-    """Joints that look k turns away: outside the joint's limits and inside them k turns back, or the whole arm in its rest pose but for turns.
+    """Joints that appear to be k turns off, {joint: k}: outside their limits but inside k turns back, or off the rest pose by turns only.
 
-    A turn is that of the motor where its gear is stated (an encoder before the gear), else that of the joint. q, rest (n,) rad.
+    A turn is one of the motor if the gear is stated (encoder before the gear), else one of the joint. q, rest (n,) rad.
     """
     turn = np.array([2 * math.pi / d.servo.gear for d in drives])
     inside = (arm.q_min <= q) & (q <= arm.q_max)
@@ -30,17 +30,17 @@ def turns_off(drives: Sequence[Drive], arm: Arm, q: np.ndarray, rest: np.ndarray
 
 
 def require_turns(drives: Sequence[Drive], arm: Arm, q: np.ndarray, rest: np.ndarray | None, tolerance: float) -> None:
-    """DeviceError asks about the joints that look whole turns away from where they can be, or from the rest pose."""
+    """DeviceError asks about the joints that appear to be whole turns off (`turns_off`)."""
     sentences = []
     for j, k in turns_off(drives, arm, q, rest, tolerance).items():
         drive = drives[j]
         back = q[j] - k * 2 * math.pi / drive.servo.gear
         sentences.append(
-            f"{drive.name}: does it stand at {q[j]:.3f} rad, as its drive says, or at {back:.3f} rad? A drive forgets whole turns while its "
-            f"power is off. If at {back:.3f} rad, write zero = {drive.zero_at - (q[j] - back):.6g} to its servo, or set its zero anew with "
+            f"{drive.name}: does it stand at {q[j]:.3f} rad, as its drive reports, or at {back:.3f} rad? A drive forgets whole turns while its "
+            f"power is off. If at {back:.3f} rad, write zero = {drive.zero_at - (q[j] - back):.6g} to its servo, or set its zero again with "
             "`calib servo`"
         )
     if sentences:
         raise DeviceError(
-            "; ".join(sentences) + '; if as the drive says, write assume = ["turns-as-read"] at the top of the cell file'
+            "; ".join(sentences) + '; if as the drive reports, write assume = ["turns-as-read"] at the top of the cell file'
         )

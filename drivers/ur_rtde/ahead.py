@@ -1,12 +1,12 @@
-"""Setpoints sent ahead to a program of our own on the controller, which plays one of them a control period.
+"""Setpoints sent ahead to a program of our own on the controller, which plays one per control period.
 
-Used by the command process in place of ur_rtde's control interface, whose registers hold the newest setpoint only; imports nothing of this
-project. The program connects back to this computer, as the one of Universal Robots' client library does, and the buffer is the connection:
-what comes late but within AHEAD of it changes nothing of the motion. Every construct of the program stands in that library's
+Used by the command process in place of ur_rtde's control interface, whose registers hold only the newest setpoint. Imports nothing of this
+project. The program connects back to this computer, as that of Universal Robots' client library does. The connection is the buffer: a
+setpoint that is late by less than `ahead` does not change the motion. Every construct of the program occurs in that library's
 external_control.urscript: socket_read_binary_integer and its count, integers scaled by 1e6, servoj by period, stopj when nothing comes.
 
-Records are seven big-endian int32, the first says what: 1 setpoint (1e-6 rad), 2 a motion begins, 3 it ended at rest, 4 nothing new, 5 quit. Back come
-int32: how many setpoints were played since the last one, or UNDERRUN.
+Records are seven big-endian int32. The first is the kind: 1 setpoint (1e-6 rad), 2 a motion begins, 3 it ended at rest, 4 nothing new,
+5 quit. The program reports int32: the number of setpoints played since its last report, or UNDERRUN.
 """
 
 from __future__ import annotations
@@ -69,19 +69,19 @@ end
 
 
 class Late(RuntimeError):
-    """The program did not play what was sent, for a reason that its end on the controller only follows from; the message says which."""
+    """The program did not play what was sent; the message states why. Its end on the controller is only a consequence."""
 
     own = True
 
 
 class Ahead:
-    """The program's other end, with the calls of ur_rtde's control interface that the command process makes."""
+    """Our end of the connection, with the calls of ur_rtde's control interface that the command process makes."""
 
     def __init__(self, connection: socket.socket, period: float, most: float) -> None:
-        """most s of setpoints may wait at the controller: more is a controller that does not keep the period."""
+        """most: s of setpoints that may wait at the controller; with more, the controller does not keep the period."""
         self._connection, self._most = connection, round(most / period)
         self._playing = False
-        self._waiting = 0  # setpoints that were sent and not reported as played
+        self._waiting = 0  # setpoints that were sent and not yet reported as played
         self._heard = b""
         connection.setblocking(False)
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
@@ -90,7 +90,7 @@ class Ahead:
         return self._connection.fileno()
 
     def servoJ(self, q: list[float], *_: float) -> bool:
-        """Send a setpoint; before the first one that a motion begins. False where the connection is gone."""
+        """Send a setpoint, preceded by BEGIN at the start of a motion. False if the connection is gone."""
         self.look()
         sent = self._playing or self._send(BEGIN)
         self._playing = True
@@ -100,17 +100,17 @@ class Ahead:
         return sent and self._send(SETPOINT, [round(SCALE * x) for x in q])
 
     def kickWatchdog(self) -> bool:
-        """Keep the program waiting."""
+        """Send NOTHING, so that the program keeps waiting."""
         self.look()
         return self._send(NOTHING)
 
     def servoStop(self, _: float) -> bool:
-        """The motion is over, at rest."""
+        """Send END: the motion has ended at rest."""
         self._playing, self._waiting = False, 0
         return self._send(END)
 
     def setWatchdog(self, _: float) -> bool:
-        """The program has its own: IDLE, and a period in motion."""
+        """Nothing to set: the program times out by itself, after IDLE, or after one period in motion."""
         return True
 
     def stopScript(self) -> None:
@@ -119,11 +119,11 @@ class Ahead:
         self._connection.close()
 
     def abort(self) -> None:
-        """Send no more: the program plays what it has, finds the connection gone, and brakes with stopj."""
+        """Stop sending: the program plays what it has, finds the connection gone, and brakes with stopj."""
         self._connection.close()
 
     def look(self) -> None:
-        """Take the program's reports; Late where it ran out of setpoints and braked."""
+        """Process the program's reports; Late if it ran out of setpoints and braked."""
         with contextlib.suppress(BlockingIOError, ConnectionError):
             self._heard += self._connection.recv(4096)
         while len(self._heard) >= COUNT.size:
@@ -141,7 +141,7 @@ class Ahead:
 
 
 class Upload:
-    """The program on its way to the controller: nothing of it runs until `start`."""
+    """Upload of the program to the controller; nothing is sent or runs until `start`."""
 
     def __init__(self, settings: dict[str, float], host: str) -> None:
         self._settings = settings
@@ -150,7 +150,7 @@ class Upload:
         self._listener = socket.create_server((self._script.getsockname()[0], 0), backlog=1)
 
     def start(self) -> Ahead | None:
-        """Send the program and wait until it has connected; None where it has not in time."""
+        """Send the program and wait until it has connected; None if it does not within START_TIMEOUT."""
         address, port = self._listener.getsockname()[:2]
         s = self._settings
         text = PROGRAM.format(

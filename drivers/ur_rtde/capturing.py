@@ -1,7 +1,7 @@
-"""The bytes of a session with a UR, only listened to, with the names of people and programs taken out.
+"""The bytes of a session with a UR, recorded without changing anything, with the names of people and programs removed.
 
-RTDE frames as they come (numbers only; text messages are left out), what the dashboard server and the Robot API answer to the driver's own
-questions, and the robot state of the primary interface. Serial numbers become zeros, program names `program`.
+RTDE frames as received (numbers only; text messages are left out), the answers of the dashboard server and the Robot API to the driver's
+own questions, and the robot state of the primary interface. Serial numbers become zeros, program names `program`.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ STATES = r"(STOPPED|PLAYING|PAUSED) .*"
 def captured(
     options: UrOptions, seconds: float, progress: Callable[[float], None] = lambda share: None
 ) -> tuple[dict[str, str], list[Message]]:
-    """Head and messages of `seconds` s of a controller; DeviceError where it cannot be listened to. Nothing is changed."""
+    """Head and messages of `seconds` s of a controller; DeviceError if it cannot be listened to. Nothing is changed."""
     messages: list[Message] = []
     begin = time.monotonic()
 
@@ -73,7 +73,7 @@ def _interrogated(options: UrOptions, version: tuple[int, ...], begin: float) ->
 
 
 def without_names(question: str, answer: str) -> str:
-    """A dashboard answer with every digit of the serial number a zero, and no program name."""
+    """A dashboard answer with zeros for the characters of the serial number, and without program names."""
     if question == "get serial number":
         return re.sub(r"\w", "0", answer) if re.fullmatch(r"\w+", answer) else answer
     return re.sub(STATES, rf"\1 {PROGRAM}", answer) if question == "programState" else answer

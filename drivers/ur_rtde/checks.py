@@ -1,4 +1,4 @@
-"""The checks of a UR controller before motion, and what the operator does on the pendant where the answer is no."""
+"""The checks of a UR controller before motion, and what the operator does on the pendant if one fails."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ OLDEST = {3: (3, 10), 5: (5, 6), 10: (10, 10)}
 def readiness(
     values: dict[str, tuple[float, ...]], info: ControllerInfo, version: tuple[int, ...], assumed: Collection[str]
 ) -> list[Check]:
-    """Version, remote control, safety, power, program and slider, as one frame and the controller have them; nothing changes."""
+    """Checks of version, remote control, safety, power, program and slider, as one frame and the controller report them."""
     checks = [_version(version, info)]
     if info.remote is not None:
         checks.append(
@@ -54,27 +54,27 @@ def _version(version: tuple[int, ...], info: ControllerInfo) -> Check:
 
 
 def serial(info: ControllerInfo, options: UrOptions) -> Check:
-    """Whether this is the robot of the cell file: its serial number, pinned there at first use."""
+    """Check that this is the robot of the cell file, by the serial number pinned there at first use."""
     if not info.serial:
         return Check("serial", None, "this version does not report its serial number")
     if options.serial is None:
         return Check(
-            "serial", None if _emulated(options.host) else False, f"the robot says serial number {info.serial}, the cell file names none",
-            f'see that it is the robot you mean, then write serial = "{info.serial}" into [options] of the cell file', "serial-as-found",
+            "serial", None if _emulated(options.host) else False, f"the robot reports serial number {info.serial}, the cell file states none",
+            f'check that it is the robot you mean, then write serial = "{info.serial}" into [options] of the cell file', "serial-as-found",
         )  # fmt: skip
     return Check(
-        "serial", info.serial == options.serial, f"the robot says serial number {info.serial}, the cell file {options.serial}",
+        "serial", info.serial == options.serial, f"the robot reports serial number {info.serial}, the cell file states {options.serial}",
         "another robot answers at this address: correct host, or serial if the robot was replaced", "serial-as-found",
     )  # fmt: skip
 
 
 def safety_checksum(found: int | None, options: UrOptions) -> Check:
-    """Whether the safety configuration is that of the cell file, where one is stated there."""
+    """Check that the safety configuration is that of the cell file, if one is stated there."""
     pinned, name = options.safety_checksum, "safety checksum"
     if found is None:
         return Check(
             name, None if pinned is None else False, "the controller does not report its safety checksum",
-            "compare the one on the pendant with your risk assessment, then take safety_checksum out of the cell file",
+            "compare the one on the pendant with your risk assessment, then remove safety_checksum from the cell file",
         )  # fmt: skip
     stated = "the cell file states none" if pinned is None else f"the cell file {pinned}"
     return Check(
@@ -85,7 +85,7 @@ def safety_checksum(found: int | None, options: UrOptions) -> Check:
 
 
 def _emulated(host: str) -> bool:
-    """Whether only an emulated controller can stand at an address; a tunnel to a real one usually ends at 127.0.0.1."""
+    """Whether only an emulated controller can have this address; a tunnel to a real one usually ends at 127.0.0.1."""
     try:
         return ipaddress.ip_address(host).is_loopback and host not in ("127.0.0.1", "::1")
     except ValueError:
@@ -93,7 +93,7 @@ def _emulated(host: str) -> bool:
 
 
 def tcp(values: dict[str, tuple[float, ...]]) -> Check:
-    """Where the controller has its tool centre point; motions of joints do not depend on it, and the tool's shape may be compared with it."""
+    """Tool centre point that the controller holds. Joint motions do not depend on it; the tool's shape may be compared with it."""
     offset = values.get("tcp_offset")
     if offset is None:
         return Check("TCP", None, "this version does not report its tool centre point")
@@ -102,7 +102,7 @@ def tcp(values: dict[str, tuple[float, ...]]) -> Check:
 
 
 def torque(source: str, has_constant: bool) -> Check:
-    """Where torque comes from: the controller, or the current and the arm file's torque constant. Unknown is no refusal."""
+    """Source of torque: the controller, or current times the arm file's torque constant. An unknown source is not a failure."""
     if source == "actual_current_as_torque":
         return Check("torque", True, "the controller reports joint torque (actual_current_as_torque)")
     if has_constant:

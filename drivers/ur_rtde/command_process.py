@@ -1,4 +1,4 @@
-"""The supervisor's end of the command process: start it, stream to it, notice when it fails, kill it in bounded time."""
+"""The supervisor's end of the command process: start it, stream to it, notice when it fails, kill it within bounded time."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ from drivers.ur_rtde.options import UrOptions
 from sim.errors import DeviceError
 
 START_TIMEOUT = 15.0  # s for the process to start on a busy computer
-TAKE_TIMEOUT = 8.0  # s; the program is waited for for 5 s
-END_TIMEOUT = 3.0  # s; the longest stop of a UR joint at the least deceleration worth having, and its program
+TAKE_TIMEOUT = 8.0  # s; 5 s of these are the wait for the program
+END_TIMEOUT = 3.0  # s; the longest stop of a UR joint at the lowest useful deceleration, and the end of its program
 UNTAKEN = 0.25  # s that the newest setpoint may wait to be taken by the command process
 
 REMEDIES = (
@@ -40,7 +40,7 @@ REMEDIES = (
 
 
 class CommandProcess:
-    """One command process from `start` to `end`; once failed it stays failed, and another one is started instead."""
+    """One command process from `start` to `end`. After a failure it stays failed, and a new one is started instead."""
 
     def __init__(self, options: UrOptions, rate: float, version: tuple[int, ...]) -> None:
         self._options, self._rate, self._version = options, rate, version
@@ -58,7 +58,7 @@ class CommandProcess:
         return self._channel is not None and self.failure is None
 
     def start(self) -> None:
-        """Open the control registers, which leaves the controller as it is; DeviceError with the remedy."""
+        """Start the process, which claims the control registers and leaves the controller as it is; DeviceError with the remedy."""
         ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         options = self._options
         settings = {
@@ -77,7 +77,7 @@ class CommandProcess:
         self._expect(b"R", START_TIMEOUT)
 
     def take_control(self) -> None:
-        """Upload the control program, which ends whatever plays, and wait until it takes commands; DeviceError with the remedy."""
+        """Upload the control program, which ends any playing one, and wait until it takes commands; DeviceError with the remedy."""
         assert self._channel is not None
         self._channel.send(b"G")
         self._expect(b"K", TAKE_TIMEOUT)
@@ -92,20 +92,20 @@ class CommandProcess:
             raise DeviceError(self.failure)
 
     def send(self, q: np.ndarray, dq: np.ndarray) -> None:
-        """Stream one setpoint; DeviceError where this or an earlier one was not taken."""
+        """Stream one setpoint; DeviceError if this or an earlier one was not taken."""
         self.look()
         assert self._channel is not None
         self._sent += 1
         try:
             self._channel.send(b"Q" + SETPOINT.pack(self._sent, *q, *dq), socket.MSG_DONTWAIT)
         except OSError as error:
-            self.look()  # where it has said why, that is the reason
+            self.look()  # if the process has reported why, that is the reason
             self._fail(f"the command process does not take commands ({error})")
             raise DeviceError(self.failure) from error
         self._waiting_since = self._waiting_since or time.monotonic()
 
     def look(self) -> None:
-        """Take what the command process says; DeviceError where it failed, or says anything that it does not in good health."""
+        """Process reports; DeviceError if the process failed, wrote output (a healthy one does not) or took no command for UNTAKEN s."""
         if self.failure is None and self._channel is not None:
             while self.failure is None and select.select([self._channel], [], [], 0.0)[0]:
                 self._handle(_received(self._channel))
@@ -118,7 +118,7 @@ class CommandProcess:
             raise DeviceError(self.failure)
 
     def stop(self) -> None:
-        """Ask for a stop; where that is not possible the process is ended, and the controller's watchdog stops the arm."""
+        """Request a stop; if that is not possible the process is killed, and the controller's watchdog stops the arm."""
         if self._channel is not None and self.failure is None:
             self._waiting_since = None
             try:
@@ -127,9 +127,9 @@ class CommandProcess:
                 self._fail(f"the command process does not take the stop ({error})")
 
     def end(self) -> None:
-        """Let the process stop the arm and end its program; kill it where it does not within bounded time."""
+        """Let the process stop the arm and end its program; kill it if it does not within bounded time."""
         if self._channel is not None:
-            self._channel.close()  # the process takes the closed channel as the order to stop and leave
+            self._channel.close()  # the process takes the closed channel as an order to stop and exit
             self._channel = None
         if self._process is not None:
             try:
@@ -159,7 +159,7 @@ class CommandProcess:
             self._fail("the command process ended")
 
     def _fail(self, reason: str) -> None:
-        """Remember why, and end the process at once: from here on it could only do harm."""
+        """Record the reason and kill the process at once: from here on it could only do harm."""
         if self._process is not None:
             self._process.kill()
         self._output.seek(0)
@@ -173,7 +173,7 @@ class CommandProcess:
 
 
 def _received(channel: socket.socket) -> bytes:
-    """One message; an empty one where the process is gone, which a reset says too when messages to it were left unread."""
+    """One message; empty if the process is gone. A reset means the same: it left messages unread."""
     try:
         return channel.recv(8192)
     except ConnectionResetError:

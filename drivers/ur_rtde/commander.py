@@ -1,9 +1,9 @@
 """The command process: ur_rtde's control interface, alone in a process that may hang or crash without harm.
 
-Run by path, with the fd of a SOCK_SEQPACKET socket; imports nothing of this project but `ahead`, where setpoints are sent ahead. Messages
-in: G take control, Q setpoint, S stop, X end. Messages out: R ready to take control, K took it, A setpoint was taken, T stopped because no
-setpoint came, S stopped, E error, L the controller did not get what it needed in time.
-Where it ends, however it ends, nobody writes the watched register, or to the program's socket, and the controller ends the program.
+Run by path, with the fd of a SOCK_SEQPACKET socket. Imports nothing of this project but `ahead`, if setpoints are sent ahead. Messages in:
+G take control, Q setpoint, S stop, X end. Messages out: R ready to take control, K control taken, A setpoint taken, T stopped because no
+setpoint arrived, S stopped, E error, L the controller did not get in time what it needed.
+However this process ends, nothing writes the watched register or to the program's socket any longer, and the controller ends the program.
 """
 
 from __future__ import annotations
@@ -23,23 +23,23 @@ from typing import Any
 SETPOINT = struct.Struct("<Q12d")
 NUMBER = struct.Struct("<Q")
 KICKS_PER_WATCHDOG = 4
-SLIP = 4  # setpoints that may go at once when this process woke up late; the controller takes the last of them
-CATCH_UP = 0.97  # of a period between setpoints of which more wait: 3 % faster than planned, 40 ms are made up for in 1.3 s
+SLIP = 4  # setpoints that may be sent at once after a late wake-up; the controller takes the last of them
+CATCH_UP = 0.97  # periods between setpoints while more wait: 3 % faster than planned makes up for 40 ms in 1.3 s
 SCRIPT_PORT = 30003
 PHASE_TIMEOUT = 2.0  # s to open the port that takes programs
 START_TIMEOUT = 5.0  # s for the program to start
 
 
 class Lost(Exception):
-    """A command was not taken; the message says which."""
+    """A command was not taken; the message states which."""
 
 
 class Aborted(Exception):
-    """No more is sent in motion: the controller plays what it has, then brakes."""
+    """Sending has ended in motion: the controller plays what it has, then brakes."""
 
 
 class Commander:
-    """Streams setpoints and, where they end, brings the target to rest."""
+    """Streams setpoints and, when they end, brings the target to rest."""
 
     def __init__(self, control: Any, channel: socket.socket, settings: dict[str, float]) -> None:
         self.control, self.channel = control, channel
@@ -50,10 +50,10 @@ class Commander:
         self.target: tuple[list[float], list[float]] | None = None
 
     def run(self) -> None:
-        """Until the channel closes or an end is requested: take setpoints; between them hold, and keep the watchdog fed.
+        """Take setpoints until the channel closes or an end is requested; between them hold, and feed the watchdog.
 
-        Setpoints that come late and together are sent one a period, a little faster until nothing waits: never a jump to the newest. Sent
-        ahead they go at once, for the controller plays one a period by itself.
+        Setpoints that arrive late and together are sent one per period, slightly faster until none waits: never a jump to the newest.
+        With `ahead` they are sent at once, because the controller itself plays one per period.
         """
         last = due = time.monotonic()
         late: deque[bytes] = deque()
@@ -86,11 +86,11 @@ class Commander:
 
     @property
     def patience_now(self) -> float:
-        """s without a setpoint after which the target is brought to rest; ahead and at rest before the controller runs out of them."""
+        """s without a setpoint after which the target is brought to rest; with `ahead`, at rest, before the controller runs out."""
         return 0.5 * self.ahead if self.ahead and self.target and not any(self.target[1]) else self.patience
 
     def hold(self, last: float) -> None:
-        """Nothing came since `last`: keep the last target, and after `patience` bring it to rest."""
+        """Nothing has come since `last`: keep the last target, and after `patience_now` bring it to rest."""
         if self.target is None:
             if not self.control.kickWatchdog():
                 raise Lost("kickWatchdog")
@@ -100,10 +100,10 @@ class Commander:
             else:
                 self.servo(self.target[0])
         else:
-            # where the last setpoint was one at rest, the motion is over, and nothing was missed
+            # if the last setpoint was at rest, the motion is over and nothing was missed
             moving = any(self.target[1])
             if self.ahead:
-                self.control.look()  # the controller's own word goes first
+                self.control.look()  # the controller's own report takes precedence
             try:
                 self.rest()
             finally:
@@ -111,7 +111,7 @@ class Commander:
                     send_to_parent(self.channel, b"T")
 
     def waiting(self) -> list[bytes]:
-        """All messages that have come; an empty one where the other end is gone."""
+        """All messages that have arrived; the last is empty if the other end is gone."""
         messages = [_received(self.channel)]
         while messages[-1] and select.select([self.channel], [], [], 0.0)[0]:
             messages.append(_received(self.channel))
@@ -130,7 +130,7 @@ class Commander:
     def rest(self) -> None:
         """Bring every joint of the target to rest with the same deceleration, then end servo mode.
 
-        Streamed rather than left to servoStop: its deceleration blocks, and nothing would feed the watchdog meanwhile.
+        Streamed rather than left to servoStop, which blocks: nothing would feed the watchdog meanwhile. With `ahead`, in motion: Aborted.
         """
         if self.target is None:
             return
@@ -147,7 +147,7 @@ class Commander:
             self.servo(q)
             due += self.period
             time.sleep(max(0.0, due - time.monotonic()))
-        # the arm follows its target by the delay of servoj; servo mode is kept, and the watchdog fed, until it has
+        # the arm lags its target by the delay of servoj: servo mode is kept and the watchdog fed until it has caught up
         for _ in range(0 if self.ahead else math.ceil(3.0 * self.lookahead / self.kick)):
             self.servo(q)
             time.sleep(self.kick)
@@ -156,10 +156,10 @@ class Commander:
 
 
 def control_program(major: int, minor: int) -> bytes:
-    """ur_rtde's own control program for a controller of this version, as ur_rtde would upload it (compared with what it sends).
+    """ur_rtde's own control program for a controller of this version, as ur_rtde would upload it (verified against what it sends).
 
-    ur_rtde uploads in the same call that opens its registers, and ends whatever plays without asking. Sent from here, there is nothing
-    between the last look at the controller and the upload.
+    ur_rtde uploads in the same call that opens its registers, and ends any playing program without asking. Sent from here, nothing comes
+    between the last check of the controller and the upload.
     """
     import script_client
 
@@ -170,13 +170,13 @@ def control_program(major: int, minor: int) -> bytes:
 
 
 def took_control(settings: dict[str, Any], channel: socket.socket) -> Any:
-    """A control interface whose program runs; None where the supervisor did not allow it.
+    """A control interface whose program runs; None if the supervisor did not allow it.
 
-    First the registers are claimed, which fails without harm where another client has them; then the supervisor is consulted, and the
-    program is sent at once. The interface never uploads: one that does would do it again, unasked, whenever its connection breaks.
+    The registers are claimed first, which fails without harm if another client has them. Then the supervisor is asked, and the program
+    is sent at once. The interface itself never uploads: it would do so again, unasked, whenever its connection breaks.
     """
     if settings["ahead"]:
-        sys.path.append(os.path.dirname(os.path.abspath(__file__)))  # run by path with -P: not there by itself
+        sys.path.append(os.path.dirname(os.path.abspath(__file__)))  # run by path with -P, which leaves it out
         from ahead import Upload  # type: ignore[import-not-found]
 
         upload = Upload(settings, settings["host"])
@@ -228,18 +228,18 @@ def main() -> None:
         send_to_parent(channel, b"E" + f"{error} was not taken".encode())
     except (RuntimeError, OSError) as error:
         send_to_parent(channel, (b"L" if getattr(error, "own", False) else b"E") + str(error).encode()[:4000])
-    # destructors of ur_rtde may throw and abort; there is nothing left that they could do
+    # destructors of ur_rtde may throw and abort; nothing is left for them to do
     os._exit(0)
 
 
 def send_to_parent(channel: socket.socket, message: bytes) -> None:
-    """Send a message to the supervisor, if it listens: a supervisor that is gone or stopped must not hold up the arm's stop."""
+    """Send a message to the supervisor without waiting: one that is gone or stopped must not delay the arm's stop."""
     with contextlib.suppress(OSError):
         channel.send(message, socket.MSG_DONTWAIT)
 
 
 def _received(channel: socket.socket) -> bytes:
-    """One message; an empty one where the supervisor is gone."""
+    """One message; empty if the supervisor is gone."""
     try:
         return channel.recv(256)
     except ConnectionResetError:

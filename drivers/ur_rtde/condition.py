@@ -1,4 +1,4 @@
-"""What mode and safety bits mean: the device's status, and what the operator does about it.
+"""Meaning of mode and safety bits: the device's status, and what the operator does about it.
 
 Universal Robots, RTDE Guide: robot_mode, runtime_state, safety_status_bits.
 """
@@ -17,17 +17,17 @@ RUNNING = 7
 RUNTIME = {0: "stopping", 1: "stopped", 2: "playing", 3: "pausing", 4: "paused", 5: "resuming"}
 STOPPED, PLAYING = 1, 2
 FULL_SPEED = 0.999
-# what a cell may assume (sim.assumptions), because a healthy controller might break these rules
+# rules that a cell may waive (sim.assumptions), because a healthy controller might break them
 REDUCED, SCALING = "reduced-mode", "speed-scaling"
 
-# bit of safety_status_bits -> status, sentence, remedy; the gravest first
+# bit of safety_status_bits -> status, sentence, remedy; the most severe first
 SAFETY = (
-    (9, Status.FAULT, "the safety system reports a fault", "restart the controller; if it comes back, call Universal Robots"),
-    (8, Status.FAULT, "a safety limit was violated", "on the pendant, restart the safety system and look into the log for the limit"),
+    (9, Status.FAULT, "the safety system reports a fault", "restart the controller; if the fault returns, call Universal Robots"),
+    (8, Status.FAULT, "a safety limit was violated", "on the pendant, restart the safety system and look up the limit in the log"),
     (7, Status.EMERGENCY_STOP, "an emergency stop is pressed", "clear the cell, turn the button back, switch the robot on again"),
     (6, Status.EMERGENCY_STOP, "the robot's emergency stop is pressed", "clear the cell, turn the button back, switch the robot on"),
     (5, Status.EMERGENCY_STOP, "the system emergency stop is pressed", "clear the cell, release the stop, switch the robot on again"),
-    (2, Status.PROTECTIVE_STOP, "the robot is in protective stop", "find what it met, then press Unlock on the pendant (after 5 s)"),
+    (2, Status.PROTECTIVE_STOP, "the robot is in protective stop", "find what it hit, then press Unlock on the pendant (after 5 s)"),
     (4, Status.PROTECTIVE_STOP, "the safeguard stop is open", "leave the cell, close its guard and reset it on the pendant"),
     (3, Status.PROTECTIVE_STOP, "the robot is in recovery mode", "move it back inside its limits with Freedrive or the Move tab"),
     (10, Status.PROTECTIVE_STOP, "the robot is stopped for safety", "see what the pendant says: an enabling switch, or a safeguard"),
@@ -61,7 +61,7 @@ def power(robot_mode: int) -> tuple[Status, str, str]:
 
 
 def slider(fraction: float) -> tuple[Status, str, str]:
-    """Status, sentence and remedy of target_speed_fraction: data taken below 100 % is of no use."""
+    """Status, sentence and remedy of target_speed_fraction: data recorded below 100 % are of no use."""
     text = f"the speed slider stands at {100 * fraction:.0f} %"
     if fraction >= FULL_SPEED:
         return Status.RUNNING, text, ""
@@ -69,7 +69,7 @@ def slider(fraction: float) -> tuple[Status, str, str]:
 
 
 def scaling(speed_scaling: float, assumed: Collection[str] = ()) -> tuple[Status, str, str]:
-    """Status, sentence and remedy of speed_scaling. It says something only while a program plays: idle controllers may report 0."""
+    """Status, sentence and remedy of speed_scaling. It has meaning only while a program plays: idle controllers may report 0."""
     text = f"the controller scales the speed to {100 * speed_scaling:.0f} %"
     if speed_scaling >= FULL_SPEED or SCALING in assumed:
         return Status.RUNNING, text, ""
@@ -93,7 +93,7 @@ def program(runtime_state: int) -> tuple[Status, str, str]:
 
 
 def other_program(runtime_state: int, name: str = "") -> tuple[Status, str, str]:
-    """Status, sentence and remedy of runtime_state, before control is taken: whatever is not stopped would be ended by it."""
+    """Status, sentence and remedy of runtime_state before control is taken, which would end any program that is not stopped."""
     if runtime_state == STOPPED:
         return Status.RUNNING, "no program plays", ""
     state = RUNTIME.get(runtime_state, f"in state {runtime_state}")
@@ -105,7 +105,7 @@ def other_program(runtime_state: int, name: str = "") -> tuple[Status, str, str]
 
 
 def condition(values: dict[str, tuple[float, ...]], commanded: bool, assumed: Collection[str] = ()) -> tuple[Status, str]:
-    """Status and detail of one frame, the safety bits first; `commanded` where our control program should be running."""
+    """Status and detail of one frame, the safety bits first; `commanded`: our control program should be running."""
     states = [safety(int(values["safety_status_bits"][0]), assumed), power(int(values["robot_mode"][0]))]
     if commanded:
         states.append(program(int(values["runtime_state"][0])))

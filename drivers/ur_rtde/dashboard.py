@@ -1,4 +1,4 @@
-"""What a controller reports of itself beside RTDE: the dashboard server's answers, or the Robot API's. Nothing here changes the robot."""
+"""What a controller reports besides RTDE: answers of the dashboard server or the Robot API. Nothing here changes the robot."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ LINE_MAX = 4096  # bytes
 
 @dataclass(frozen=True)
 class ControllerInfo:
-    """What the controller reports of itself; empty or None where its version has no such question.
+    """What the controller reports about itself; empty or None if its version does not answer the question.
 
-    program is its name, as far as it is reported; state is STOPPED, PLAYING or PAUSED when it was requested.
+    program is the name of the loaded program, if it is reported.
     """
 
     polyscope: str
@@ -44,7 +44,7 @@ QUESTIONS = {
 
 
 def ask(host: str, *questions: str) -> list[str]:
-    """One answer line for each question; DeviceError where the server is not there or does not answer."""
+    """One answer line per question; DeviceError if the server is not there or does not answer."""
     try:
         with socket.create_connection((host, PORT), timeout=TIMEOUT) as connection:
             _line(connection)  # greeting
@@ -60,7 +60,7 @@ def ask(host: str, *questions: str) -> list[str]:
 
 
 def _line(connection: socket.socket) -> str:
-    """The next line of a server that speaks only when asked; TimeoutError where it is not whole within TIMEOUT."""
+    """The next line of a server that speaks only when asked; TimeoutError if it is not complete within TIMEOUT."""
     line, end = b"", time.monotonic() + TIMEOUT
     while not line.endswith(b"\n"):
         connection.settimeout(max(0.001, end - time.monotonic()))
@@ -69,12 +69,12 @@ def _line(connection: socket.socket) -> str:
             raise ConnectionResetError("the server closed the connection")
         line += more
         if time.monotonic() > end or len(line) > LINE_MAX:
-            raise TimeoutError(f"no whole line within {TIMEOUT:g} s and {LINE_MAX} bytes")
+            raise TimeoutError(f"no complete line within {TIMEOUT:g} s and {LINE_MAX} bytes")
     return line.decode().strip()
 
 
 def questions_for(version: tuple[int, ...]) -> list[str]:
-    """The questions that a dashboard server of this version knows; none on PolyScope X, which has no dashboard server."""
+    """The questions that a dashboard server of this version answers; none on PolyScope X, which has no dashboard server."""
     if version[0] >= 10:
         return []
     column = 0 if version[0] == 3 else 1
@@ -82,7 +82,7 @@ def questions_for(version: tuple[int, ...]) -> list[str]:
 
 
 def controller_info(host: str, version: tuple[int, ...], robot_api_port: int) -> ControllerInfo:
-    """What the controller of this version reports of itself."""
+    """What a controller of this version reports about itself."""
     if version[0] >= 10:
         return _of_robot_api(robot_api.answers(host, robot_api_port), version)
     questions = questions_for(version)
@@ -115,6 +115,6 @@ def _of_robot_api(answer: dict[str, str], version: tuple[int, ...]) -> Controlle
 
 
 def _like(pattern: str, answer: str) -> str:
-    """The answer, or its first group, where it has the documented form; a server that does not know a question says so in words."""
+    """The answer, or its group, if it has the documented form, else empty: an unknown question is answered with a sentence."""
     found = re.fullmatch(pattern, answer)
     return "" if found is None else found.group(found.lastindex or 0).strip()

@@ -27,10 +27,10 @@ SHOWN = "the pendant shows a running program until the end"
 
 
 class UrDriver(Driver):
-    """Readings from every RTDE frame; commands by servoj through ur_rtde in a process of its own.
+    """Readings from every RTDE frame; commands by servoj, sent from a process of their own.
 
-    Never unlocks, powers or restarts anything, and never ends a program that plays: after a failure, `connect` starts from the
-    beginning, by the operator's wish.
+    Never unlocks, powers or restarts anything; only `halt` ends a program that is playing. After a failure, `connect` starts from
+    scratch, at the operator's request.
     """
 
     control = "uploads ur_rtde's control program to the controller and plays it; " + SHOWN
@@ -52,12 +52,12 @@ class UrDriver(Driver):
         if options.frame_timeout < PERIODS / self.rate:
             raise ConfigError(
                 f"{where}: frame_timeout = {options.frame_timeout:g} s is shorter than three periods of {arm.name} "
-                f"({PERIODS / self.rate:g} s), so no motion would end; raise it"
+                f"({PERIODS / self.rate:g} s), so every motion would be stopped; raise it"
             )
         self.gap_max = options.frame_timeout
-        # Where nothing new comes, servoj holds its last target, so the arm travels no further than commanded, however late
-        # the command process or the watchdog is; the stop itself goes on from that target. What was sent ahead is played first, then the
-        # controller's stopj keeps the direction.
+        # Without new setpoints servoj holds its last target, so the arm travels no further than commanded, however late the command
+        # process or the watchdog is. The stop starts from that target. Setpoints sent ahead are played first; the controller's stopj
+        # then keeps the direction.
         self.device_stop = DeviceStop(
             PERIODS / self.rate + options.ahead, options.stop_deceleration, proportional=options.ahead > 0
         )
@@ -80,11 +80,11 @@ class UrDriver(Driver):
 
     @property
     def link(self) -> LinkCount:
-        """What has come over the wire so far."""
+        """Counts of the frames received so far."""
         return self._receiver.count
 
     def connect(self) -> DeviceInfo:
-        """Listen, ask whether the robot is ready, then upload the control program; DeviceError names everything that is not ready."""
+        """Listen, check that the robot is ready, then upload the control program; DeviceError names everything that is not ready."""
         first = self._open()
         try:
             pinned = examination.own_arm(self.arm, self.options)[-1:] if self.options.safety_checksum is not None else []
@@ -105,21 +105,21 @@ class UrDriver(Driver):
         return self._info(first)
 
     def listen(self, patience: float | None = None) -> DeviceInfo:
-        """Only the receiving side of RTDE, beside whatever program runs: no script is uploaded, no input is written."""
+        """Open only the receiving side of RTDE, whatever program runs: no script is uploaded, no input is written."""
         first = self._open()
         self._frames.listening = True
         return self._info(first)
 
     def beside(self) -> str:
-        """A controller serves several RTDE clients, and takes a program from any."""
+        """Empty: a controller serves several RTDE clients, and takes a program from any of them."""
         return ""
 
     def halt(self) -> None:
-        """Brake by stopj in a program of our own, which ends the one that plays."""
+        """Brake with stopj in a program of our own, which ends the one that is playing."""
         halting.halt(self.options.host, self.options.stop_deceleration)
 
     def inspect(self) -> DeviceInfo:
-        """As `listen`: what the checks ask, RTDE, the dashboard server and the Robot API answer without any change."""
+        """Same as `listen`: RTDE, the dashboard server and the Robot API answer the checks without any change."""
         return self.listen()
 
     def _open(self) -> Frame:
@@ -139,7 +139,7 @@ class UrDriver(Driver):
         return examination.readiness(frame, self._controller, self._receiver.version, self.arm, self.options, self.assumed)
 
     def declared_payload(self) -> tuple[float, tuple[float, float, float]] | None:
-        """The last set_payload: the controller reports it with every frame."""
+        """The last set_payload, as the controller reports it in every frame; None if it does not."""
         values = {} if self._frames.last is None else self._frames.last.values
         if "payload" not in values or "payload_cog" not in values:
             return None
@@ -147,9 +147,9 @@ class UrDriver(Driver):
         return values["payload"][0], (x, y, z)
 
     def read(self) -> JointState:
-        """The next frame; DeviceError where none comes, or only old ones, within the frame timeout.
+        """The next frame as a reading; DeviceError if no frame, or only old ones, arrive within the frame timeout.
 
-        The controller's own state comes first: where the command process has failed, the frame that says why is returned.
+        The controller's own state takes precedence: if the command process has failed, the frame that shows why is returned.
         """
         frame = self._frames.next()
         status, detail = self._condition(frame)
@@ -171,7 +171,7 @@ class UrDriver(Driver):
         return self._frames.because(failure, lambda frame: condition(frame.values, refused, self.assumed))
 
     def send(self, q: np.ndarray, dq: np.ndarray, tau: np.ndarray) -> np.ndarray:
-        """servoj to q; dq is where the driver's own stop would start from. A feed-forward torque is refused: servoj has none."""
+        """servoj to q; dq is the speed from which the driver's own stop would start. A torque is refused: servoj takes none."""
         q, dq, tau = (np.array(x, dtype=float) for x in (q, dq, tau))
         if not all(x.shape == (JOINTS,) and bool(np.all(np.isfinite(x))) for x in (q, dq, tau)):
             raise DeviceError(
@@ -191,7 +191,7 @@ class UrDriver(Driver):
         return q
 
     def stop(self) -> None:
-        """Decelerate the target at stop_deceleration in the command process, whatever happens to this one meanwhile."""
+        """Decelerate the target at stop_deceleration in the command process, whatever happens to this process meanwhile."""
         self._commanding = self._frames.moving = False
         if self._commands is not None:
             self._commands.stop()
@@ -205,7 +205,7 @@ class UrDriver(Driver):
         self._receiver.close()
 
     def checks(self) -> list[Check]:
-        """What the robot says of itself: version, identity, remote control, safety, power, program, slider, torque, and which arm it is."""
+        """Checks of version, identity, remote control, safety, power, program, slider, torque, and which arm this is."""
         frames = [self._frames.next() for _ in range(max(2, round(REST_TIME * self.rate)))]
         found = self._readiness(frames[-1])
         if self._commands is not None:
@@ -221,7 +221,7 @@ class UrDriver(Driver):
         ]
 
     def gravity(self, q: np.ndarray, tau: np.ndarray, friction: np.ndarray) -> list[Check]:
-        """Which arm of the family the poses say this is."""
+        """Check of which arm of the family fits the holding torque in these poses."""
         return [family.torque(self.arm, self._payload, q, tau, friction)]
 
     def _info(self, frame: Frame) -> DeviceInfo:

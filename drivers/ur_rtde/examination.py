@@ -1,4 +1,4 @@
-"""What is asked of a controller before motion: whether it is ready, which arm it is, and what it weighs at rest."""
+"""Checks of a controller before motion: whether it is ready, which arm it has, and its torque at rest."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from sim.errors import DeviceError
 def readiness(
     frame: Frame, controller: ControllerInfo, version: tuple[int, ...], arm: Arm, options: UrOptions, assumed: Collection[str]
 ) -> list[Check]:
-    """Model, serial number, and what one frame and the controller say of being ready."""
+    """Checks of model and serial number, and of readiness as one frame and the controller report it."""
     found = [
         family.model(controller.model, version[0], arm),
         checks.serial(controller, options),
@@ -31,7 +31,7 @@ def readiness(
 
 
 def own_arm(arm: Arm, options: UrOptions) -> list[Check]:
-    """The controller's own calibration and safety checksum against the arm's folder and the cell."""
+    """Checks of the controller's own calibration and safety checksum against the arm folder and the cell."""
     try:
         own = primary.own_arm(options.host)
     except DeviceError as error:
@@ -40,7 +40,7 @@ def own_arm(arm: Arm, options: UrOptions) -> list[Check]:
 
 
 def arm_at_rest(arm: Arm, payload: PayloadTable | None, frames: Sequence[Frame], running: bool) -> Check:
-    """Which arm of the family the torque at rest says this is, over these frames; nothing where it moves or is off."""
+    """Check of which arm of the family fits the mean torque at rest in these frames; ok is None if it moves or is off."""
     q, dq, tau, current = (
         np.mean([f.values.get(name, (np.nan,) * JOINTS) for f in frames], axis=0)
         for name in ("actual_q", "actual_qd", reading.TORQUE, "actual_current")

@@ -1,4 +1,4 @@
-"""The frames of a controller one after another: none is passed over while the arm moves, and none is read that is too old."""
+"""Controller frames in order: none is skipped while the arm moves, and none that is too old is returned."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from sim.errors import DeviceError
 from sim.joint_state import Status
 
 PERIODS = 3.0
-LISTEN_PATIENCE = 1.0  # s that a reading may wait for one who only listens: each one counts, none steers anything
-REASON_TIME = 0.3  # s of readings in which the controller's own reason is looked for when the command process fails
+LISTEN_PATIENCE = 1.0  # s that a reading may wait when only listening: each one counts, none controls anything
+REASON_TIME = 0.3  # s of frames searched for the controller's own reason when the command process fails
 
 
 class FramesInOrder:
-    """`next` frame of a receiver; `last` is the one before. `running(frame)`: whether the controller reports no stop in it."""
+    """Frames of a receiver, one by one; `last` is the most recent. `running(frame)`: whether it reports no stop."""
 
     def __init__(self, receiver: Receiver, options: UrOptions, running: Callable[[Frame], bool]) -> None:
         self._receiver, self._options, self._running = receiver, options, running
@@ -27,13 +27,13 @@ class FramesInOrder:
         self.moving = self.listening = False
 
     def set_moving(self, moving: bool) -> None:
-        """The arm moves from now on, or rests; a gap before it began to move is none."""
+        """State whether the arm moves from now on. A gap before the start of a motion does not count."""
         if moving and not self.moving:
             self.last = None
         self.moving = moving
 
     def next(self) -> Frame:
-        """The next frame in order. In motion an old one is an error; at rest those that waited for nobody are passed over."""
+        """Next frame in order. In motion an old one is an error; at rest, old ones are skipped while newer ones wait."""
         if self._again:
             return self._again.popleft()
         host, longest = self._options.host, self._options.frame_timeout
@@ -55,28 +55,29 @@ class FramesInOrder:
             self.last = frame
             age = frame.age + waited
             late = age > longest or (gap > longest and self.moving)
-            # what the controller reports of a stop is never too old to count
+            # a stop that the controller reports counts, however old
             if not late or not self._running(frame):
                 return frame
             if self.moving:
                 raise DeviceError(
                     f"{host}: the reading of {frame.t_device:.3f} s is {1e3 * age:.0f} ms old, {1e3 * gap:.0f} ms after "
-                    f"the one before; at most {1e3 * longest:.0f} ms are allowed: use a wired connection of its own and stop "
+                    f"the one before; at most {1e3 * longest:.0f} ms are allowed: use a dedicated wired connection and stop "
                     "other work on this computer"
                 )
 
     def newest(self) -> Frame:
-        """The next frame behind which none waits."""
+        """The newest frame: the next one after which none waits."""
         frame = self.next()
         while self._receiver.waiting:
             frame = self.next()
         return frame
 
     def because(self, failure: DeviceError, condition: Callable[[Frame], tuple[Status, str]]) -> tuple[Frame, Status, str]:
-        """The first frame in which the controller itself says what is wrong; `failure` where none does in REASON_TIME.
+        """The first frame in which the controller itself reports what is wrong, with status and detail.
 
-        The command process learns of a stop as early as this one does, and reports only that a command was not taken. Where it failed for
-        a reason of its own, a program that ended is the consequence, and only safety and power say more.
+        Raises `failure` if none does within REASON_TIME. The command process notices a stop as early as this one does, but reports only
+        that a command was not taken. If it failed for a reason of its own, the ended program is a mere consequence, and only safety and
+        power state explain more.
         """
         if self.reason is not None:
             raise DeviceError(self.reason) from failure

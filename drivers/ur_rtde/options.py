@@ -10,8 +10,8 @@ from sim.strict import StrictTable
 
 GAP = 0.04
 SLACK = 0.02
-BEHIND = 0.1  # s that an arm may follow late where the path it moves along is guarded (safety.sudden.LATE)
-WAY = 0.01  # s that a command and the reading of what came of it are under way (measured against the emulated controller: 8 ms)
+BEHIND = 0.1  # s by which an arm may lag its commands while its path is monitored (safety.sudden.LATE)
+WAY = 0.01  # s that a command and the reading of its result are in transit (measured against the emulated controller: 8 ms)
 DELAY_GAIN = 4.8  # delay of servoj, s: lookahead + 4.8 / gain (issue 86 of Universal Robots' client library)
 
 
@@ -19,18 +19,19 @@ class UrOptions(StrictTable):
     """How to reach and stream to a UR controller.
 
     host               name or address of the controller
-    serial             its serial number, pinned at first use: `calib check` says it. A controller with another one is refused
-    safety_checksum    number of its safety configuration, as `calib check` reports it; where it is given, a controller with another one is refused
+    serial             its serial number, pinned at first use: `calib check` reports it. A controller with another one is refused
+    safety_checksum    number of its safety configuration, as `calib check` reports it; if given, a controller with another one is refused
     lookahead          s, servoj smoothing; ur_rtde accepts 0.03 to 0.2
     gain               1, servoj proportional gain; ur_rtde accepts 100 to 2000
     stop_deceleration  rad/s^2 of every joint in the driver's own stop
-    watchdog           Hz; the controller ends the program where the command process is silent for longer: 10 Hz is 0.1 s
-    frame_timeout      s without a reading that a motion endures, marked in the log; beyond it the motion stops. Every stop is proved to have
-                       room for it. At least three periods
-    setpoint_timeout   s without a command, in motion, after which the command process stops the arm by itself; frame_timeout and 20 ms
-                       where it is not given
-    ahead              s of motion that a program of our own on the controller holds and plays by its own clock, so that this computer may be so
-                       late; 0 streams each command through ur_rtde. With lookahead, 4.8/gain and WAY at most BEHIND. Never tried on a real robot
+    watchdog           Hz; the controller ends the program if the command process is silent for longer than a period: 10 Hz is 0.1 s
+    frame_timeout      s that a motion continues without a reading, marked in the log; after that the motion stops. Every stop is verified to
+                       have room for it. At least three periods
+    setpoint_timeout   s without a command, in motion, after which the command process stops the arm by itself; if not given, frame_timeout
+                       (or ahead, if longer) and 20 ms
+    ahead              s of motion that a program of our own on the controller holds and plays by its own clock, so that this computer may be
+                       late by as much; 0 streams each command through ur_rtde. ahead + lookahead + 4.8/gain + WAY is at most BEHIND. Never
+                       tried on a real robot
     priority           real-time (FIFO) priority of the command process, 0 for none
     robot_api_port     of PolyScope X's Robot API
     """

@@ -1,4 +1,4 @@
-"""An arm folder of one robot: the arm of the cell with the kinematics and limits that its own controller holds."""
+"""Arm folder of one robot: the cell's arm with the kinematics and limits that its controller holds."""
 
 from __future__ import annotations
 
@@ -21,34 +21,36 @@ from sim.dh import joint_frames
 from sim.errors import ConfigError
 from sim.mjcf import numbers
 
-CALIBRATION_MAX = 0.005  # m; a robot's own calibration moves a joint by tenths of a millimetre, another arm is centimetres away
+CALIBRATION_MAX = (
+    0.005  # m; a robot's calibration moves a joint by tenths of a millimetre, another arm's joints are centimetres away
+)
 
 
 def origins(arm: Arm) -> np.ndarray:
-    """(n, 3) m: where the joints of a serial arm are in the base frame at q = 0."""
+    """Joint positions of a serial arm in the base frame at q = 0, (n, 3) m."""
     return _chain(np.array([_homogeneous(r, p) for r, p in zip(arm.tree.rotation, arm.tree.position, strict=True)]))
 
 
 def moved(arm: Arm, own: OwnArm) -> np.ndarray:
-    """(n,) m: how far each joint of the controller's arm is from that of the model, at q = 0."""
+    """Distance of each joint of the controller's arm from that of the model at q = 0, (n,) m."""
     nominal = origins(arm)
     return np.linalg.norm(_chain(joint_frames(own.kinematics, nominal)) - nominal, axis=1)
 
 
 def kinematics(arm: Arm, own: OwnArm) -> Check:
-    """Whether the lengths that the controller holds are those of the arm, up to a calibration."""
+    """Check that the kinematics that the controller holds are those of the arm, up to a calibration."""
     far = float(np.max(moved(arm, own)))
     if far <= CALIBRATION_MAX:
         return Check("kinematics", True, f"the controller's own kinematics are within {1e3 * far:.2f} mm of the model's")
     like = [name for name in FAMILY if float(np.max(moved(load_arm(name), own))) <= CALIBRATION_MAX]
-    looks = f"this looks like a {' or '.join(like)}: set arm in the cell file" if like else "see which arm stands there"
+    looks = f"this looks like a {' or '.join(like)}: set arm in the cell file" if like else "check which arm this is"
     return Check("kinematics", False, f"a joint is {1e3 * far:.1f} mm away from where the model has it", looks, "arm-as-stated")
 
 
 def write_own(folder: Path, arm: Arm, own: OwnArm, serial: str) -> Arm:
-    """The arm in a new folder, its joints placed as the controller has them, its limits no wider than the controller's; as loaded.
+    """Write the arm to a new folder and return it as loaded: joints as in the controller, limits no wider than the controller's.
 
-    ConfigError where the model is no MJCF of six joints in a row, or the folder exists.
+    ConfigError if the folder exists, or the arm is not one of the family with an MJCF of six joints.
     """
     if folder.exists():
         raise ConfigError(f"{folder} exists; remove it first, or give another --out")

@@ -1,7 +1,7 @@
-"""The primary interface, only listened to: what the controller knows of its own arm's kinematics and limits.
+"""The primary interface, receiving only: the kinematics and limits that the controller holds for its own arm.
 
 Universal Robots, "Client Interfaces": a robot state message holds sub-packages, among them kinematics info (5) and configuration data (6),
-which come on connecting. Layout as parsed by the maker's client library (kinematics_info.cpp, configuration_data.cpp). Safety data (10) begins with
+which arrive on connecting. Layout as parsed by the maker's client library (kinematics_info.cpp, configuration_data.cpp). Safety data (10) begins with
 the checksum of the safety configuration (a reply in the maker's forum, "Safety Checksum", topic 988; the document calls the sub-package internal).
 """
 
@@ -30,9 +30,10 @@ JOINTS = 6
 
 @dataclass(frozen=True)
 class OwnArm:
-    """What a controller says of its arm: calibrated kinematics, position limits rad, largest speed rad/s.
+    """What a controller reports about its arm: calibrated kinematics, position limits rad, maximum speed rad/s.
 
-    checksum is the controller's own of its kinematic calibration, as text; safety that of its safety configuration, None where it sends none.
+    checksum is the controller's own checksum of its kinematic calibration, as text. safety is that of its safety configuration, None if
+    it sends none.
     """
 
     kinematics: DhRows
@@ -44,12 +45,12 @@ class OwnArm:
 
 
 def own_arm(host: str) -> OwnArm:
-    """What the controller says of its arm; DeviceError where it does not within a bounded time."""
+    """What the controller reports about its arm; DeviceError if it does not within a bounded time."""
     return parsed(parts(state(host)[HEADER.size :], host), host)
 
 
 def state(host: str) -> bytes:
-    """The first robot state message with kinematics and configuration, as it came; DeviceError where none comes in a bounded time."""
+    """The first robot state message with kinematics and configuration, as received; DeviceError if none comes in a bounded time."""
     refusal: OSError | None = None
     for port in PORTS:
         try:
@@ -84,7 +85,7 @@ def _listened(connection: socket.socket, where: str) -> bytes:
 
 
 def parts(state: bytes, where: str) -> dict[int, bytes]:
-    """The sub-packages of a robot state by their type; DeviceError where their lengths do not add up."""
+    """The sub-packages of a robot state by type; DeviceError if their lengths do not add up."""
     found, at = {}, 0
     while at < len(state):
         if at + HEADER.size > len(state):
@@ -98,7 +99,7 @@ def parts(state: bytes, where: str) -> dict[int, bytes]:
 
 
 def parsed(found: dict[int, bytes], where: str) -> OwnArm:
-    """The arm of both sub-packages; newer versions append fields, which are left unread."""
+    """The arm that both sub-packages describe; fields that newer versions append are not read."""
     try:
         kinematics = KINEMATICS_ROWS.unpack_from(found[KINEMATICS])
         configuration = CONFIGURATION_ROWS.unpack_from(found[CONFIGURATION])
@@ -110,7 +111,7 @@ def parsed(found: dict[int, bytes], where: str) -> OwnArm:
     if not all(np.all(np.isfinite(x)) for x in numbers) or not (
         np.all(limits[:, 0] < limits[:, 1]) and np.all(motion[:, 0] > 0)
     ):
-        raise DeviceError(f"{where}: kinematics or limits are no numbers that an arm can have; nothing was taken from them")
+        raise DeviceError(f"{where}: kinematics or limits are not those of any arm; nothing was taken from them")
     return OwnArm(
         DhRows(theta, a, d, alpha), limits[:, 0].copy(), limits[:, 1].copy(), motion[:, 0].copy(),
         "-".join(f"{x:08x}" for x in kinematics[:6]), _safety(found.get(SAFETY, b"")),

@@ -1,4 +1,4 @@
-"""One RTDE frame as a reading, and as what the controller says of itself."""
+"""One RTDE frame as a reading, and as device information."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Values = Mapping[str, tuple[float, ...]]
 
 
 def joint_state(frame: Frame, status: Status, detail: str) -> JointState:
-    """The frame as a reading; torque is NaN where the controller does not report it."""
+    """The frame as a reading; torque is NaN if the controller does not report it."""
     values = frame.values
     nothing = np.full(JOINTS, np.nan)
     return JointState(
@@ -29,14 +29,14 @@ def joint_state(frame: Frame, status: Status, detail: str) -> JointState:
 
 
 def torque_source(values: Values) -> str:
-    """The variable that torque is from: the controller's own, or the current."""
+    """The variable that torque comes from: the controller's own torque, or the current."""
     return TORQUE if TORQUE in values else "actual_current"
 
 
 def device_info(
     values: Values, controller: ControllerInfo, version: tuple[int, ...], rate: float, extra: Mapping[str, str]
 ) -> DeviceInfo:
-    """Model, serial number, versions, payload and mounting that the controller assumes; `extra` stands beside its version."""
+    """Model, serial number, versions, payload and mounting that the controller assumes; `extra` is added to its version."""
     payload, com, up = values.get("payload"), values.get("payload_cog"), values.get("target_gravity")
     text = ".".join(map(str, version[:3]))
     return DeviceInfo(

@@ -1,4 +1,4 @@
-"""Every RTDE frame, once, in order, with the host's time of arrival; never an old one as new."""
+"""RTDE frames: each exactly once, in order, with its arrival time on the host; an old one is never returned as new."""
 
 from __future__ import annotations
 
@@ -16,10 +16,12 @@ from sim.errors import DeviceError
 
 PORT = 30004
 CONNECT_TIMEOUT = 3.0  # s for each answer during the handshake
-LAG_WINDOW = 10.0  # s over which the smallest transport delay is kept; 200 ppm of clock drift is 2 ms over it
+LAG_WINDOW = 10.0  # s over which the smallest transport delay is kept; 200 ppm of clock drift are 2 ms in that time
 REPEATS_MAX = 3
-CLOCK_MAX = 2.0**31  # s since the controller was started, as far as a recording's stamps reach
-KEPT_MAX = 10_000  # frames that wait for a reader; beyond it the oldest go, which by then are too old to be read anyway
+CLOCK_MAX = 2.0**31  # s since the controller started, as far as a recording's stamps reach
+KEPT_MAX = (
+    10_000  # frames that wait for a reader; beyond it the oldest are dropped, which by then are too old to be read anyway
+)
 
 REQUIRED = (
     "timestamp", "actual_q", "actual_qd", "actual_current", "joint_temperatures", "robot_mode", "runtime_state",
@@ -30,7 +32,7 @@ OPTIONAL = ("actual_current_as_torque", "payload", "payload_cog", "target_gravit
 
 @dataclass(frozen=True, slots=True)
 class Frame:
-    """One data frame: t host monotonic s at reception, age s then (transport delay beyond the smallest), values by name."""
+    """One data frame: t host monotonic s at reception, age s at t (transport delay beyond the smallest), values by name."""
 
     t: float
     age: float
@@ -44,7 +46,7 @@ class Frame:
 
 @dataclass
 class LinkCount:
-    """What has come over the wire: frames kept, frames whose time stamps are missing, frames that came twice."""
+    """Counts of frames: kept, lost (missing time stamps), and received again."""
 
     frames: int = 0
     lost: int = 0
@@ -54,9 +56,9 @@ class LinkCount:
 class Receiver:
     """An RTDE client that only listens. After `connect`, a thread takes frames off the socket until `close`.
 
-    A failure (closed socket, broken stream, time going backwards, a frozen clock, or whatever else ends the thread) is kept and raised
-    by every later `next`.
-    `tap(from_device, frame)` gets every frame in both directions, text messages of the controller excepted.
+    A failure (closed socket, broken stream, time going backwards, a frozen clock, or anything else that ends the thread) is kept and
+    raised by every later `next`.
+    `tap(from_device, frame)` gets every frame in both directions, except text messages of the controller.
     """
 
     def __init__(self, host: str, tap: Callable[[bool, bytes], None] = lambda from_device, frame: None) -> None:
@@ -76,7 +78,7 @@ class Receiver:
         self._window_end = -math.inf
 
     def connect(self) -> None:
-        """Handshake and start; DeviceError with the remedy within a bounded time."""
+        """Do the handshake and start the thread; DeviceError with the remedy within a bounded time."""
         try:
             self._socket = socket.create_connection((self.host, PORT), timeout=CONNECT_TIMEOUT)
             self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
@@ -96,7 +98,7 @@ class Receiver:
         self._thread.start()
 
     def next(self, deadline: float) -> Frame | None:
-        """The next frame; None where none has come by `deadline` (host monotonic s); DeviceError after a failure."""
+        """The next frame; None if none has arrived by `deadline` (host monotonic s); DeviceError after a failure."""
         with self._arrived:
             while not self._frames:
                 if self._failure is not None:
@@ -110,7 +112,7 @@ class Receiver:
 
     @property
     def waiting(self) -> int:
-        """How many frames wait."""
+        """Number of frames that wait."""
         return len(self._frames)
 
     def close(self) -> None:
@@ -120,7 +122,7 @@ class Receiver:
             try:
                 self._socket.shutdown(socket.SHUT_RDWR)
             except OSError:
-                # the controller was gone first; closing is all that is left
+                # the controller closed the connection first
                 self._failure = self._failure or "the connection is closed"
             self._socket.close()
         if self._thread is not None and self._thread is not threading.current_thread():
@@ -139,7 +141,7 @@ class Receiver:
         missing = [name for name, type_ in zip(names, types, strict=True) if type_ == "NOT_FOUND"]
         if set(missing) & set(REQUIRED):
             lacking = ", ".join(sorted(set(missing) & set(REQUIRED)))
-            raise BrokenStream(f"PolyScope {self.version[0]}.{self.version[1]} lacks {lacking}; update PolyScope")
+            raise BrokenStream(f"PolyScope {self.version[0]}.{self.version[1]} does not send {lacking}; update PolyScope")
         if missing:
             names = [name for name in names if name not in missing]
             recipe, types = self._outputs(names)
@@ -186,12 +188,10 @@ class Receiver:
         except OSError as error:
             failure = f"the RTDE connection broke ({error}); see that the controller is on and its cable is in"
         except BrokenStream as error:
+            failure = f"{error}; the connection is no longer used: look for a second program that uses it, then connect again"
+        except Exception as error:  # no thread may end without a reason: a reader would wait and never learn why
             failure = (
-                f"{error}; the connection is not used any more: look for a second program that uses it, then connect again"
-            )
-        except Exception as error:  # no thread may end without its reason: a reader would wait, and never learn why
-            failure = (
-                f"a frame could not be taken ({type(error).__name__}: {error}); connect again, and report it if it comes again"
+                f"a frame could not be processed ({type(error).__name__}: {error}); connect again, and report it if it recurs"
             )
         with self._arrived:
             self._failure = "the connection is closed" if self._closing else failure
@@ -214,14 +214,14 @@ class Receiver:
                 self._arrived.notify_all()
 
     def _in_order(self, values: dict[str, tuple[float, ...]]) -> bool:
-        """Whether this frame is a new one; counts what is missing; BrokenStream where time cannot be trusted."""
+        """Whether this frame is a new one; counts missing frames; BrokenStream if its time cannot be trusted."""
         for name, numbers in values.items():
             if not all(map(math.isfinite, numbers)):
                 raise BrokenStream(f"{name} = {numbers} is not finite")
         t = values["timestamp"][0]
         if not 0 <= t < CLOCK_MAX:
             raise BrokenStream(
-                f"timestamp = {t:.10g} s is no time since a controller was started (rule: 0 to {CLOCK_MAX:.0f} s)"
+                f"timestamp = {t:.10g} s cannot be the time since the controller started (rule: 0 to {CLOCK_MAX:.0f} s)"
             )
         if self._last is None:
             self._last = t
@@ -239,7 +239,7 @@ class Receiver:
         return True
 
     def _age(self, t_device: float, now: float) -> float:
-        """Transport delay beyond the smallest of the last seconds, s: what a constant part of the delay is cannot be seen."""
+        """Transport delay beyond the smallest within LAG_WINDOW, s; a constant part of the delay cannot be observed."""
         lag = now - t_device
         if now > self._window_end:
             self._lags, self._window_end = [self._lags[1], math.inf], now + LAG_WINDOW

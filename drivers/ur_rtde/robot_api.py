@@ -1,7 +1,7 @@
 """PolyScope X's Robot API: the requests that change nothing.
 
 Paths, keys and first versions as in the client library of Universal Robots (dashboard_client_implementation_x.cpp) and, for 10.10 and
-older, its notes: before 10.11 only the program's state could be requested. A path that a version lacks answers 404 and is left out.
+older, its notes: before 10.11 only the program state could be requested. A path that a version does not have answers 404 and is left out.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ import threading
 
 BASE = "/universal-robots/robot-api"
 TIMEOUT = 2.0  # s without a byte of an answer
-WHOLE = 2.0  # times that, in which an answer must be whole
-SIZE_MAX = 1 << 16  # bytes; the longest of these answers has some hundred
+WHOLE = 2.0  # times TIMEOUT, within which an answer must be complete
+SIZE_MAX = 1 << 16  # bytes; the longest of these answers has a few hundred
 
 # quantity -> path and the key of the answer
 QUESTIONS = {
@@ -32,7 +32,7 @@ QUESTIONS = {
 
 
 def answers(host: str, port: int) -> dict[str, str]:
-    """What the controller says to each question; one without an answer is left out, all where the service is off."""
+    """The controller's answer to each question; unanswered ones are left out, all of them if the service is off."""
     bodies: dict[str, dict[str, object]] = {}
     found = {}
     for what, (path, key) in QUESTIONS.items():
@@ -48,7 +48,7 @@ def answers(host: str, port: int) -> dict[str, str]:
 
 
 def fetch(host: str, port: int, path: str) -> dict[str, object]:
-    """The JSON object at a path; empty where there is none. OSError where nobody answers."""
+    """The JSON object at a path; empty if there is none. OSError if nothing answers."""
     connection = http.client.HTTPConnection(host, port, timeout=TIMEOUT)
     connection.connect()
     end = threading.Timer(WHOLE * TIMEOUT, _shut, (connection.sock,))
@@ -72,6 +72,6 @@ def fetch(host: str, port: int, path: str) -> dict[str, object]:
 
 
 def _shut(connection: socket.socket) -> None:
-    """End what goes on for too long: whoever reads it finds its end."""
+    """Shut down a connection that takes too long; its reader then finds the end of the stream."""
     with contextlib.suppress(OSError):
         connection.shutdown(socket.SHUT_RDWR)

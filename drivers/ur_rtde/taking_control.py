@@ -1,4 +1,4 @@
-"""The last look at a controller before control is taken, and the wait for our program behind it."""
+"""The last check of a controller before control is taken, and the wait until our program runs."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from drivers.ur_rtde.receiver import Frame
 from sim.errors import DeviceError
 from sim.joint_state import Status
 
-START_TIME = 2.0  # s for the frames to show the running program at full speed: they lag behind the command connection
+START_TIME = 2.0  # s for the frames to show the program running at full speed: they lag behind the command connection
 
 
 def require_no_program(frames: FramesInOrder, host: str) -> None:
-    """The last look before control is taken: a program that began meanwhile is left alone."""
+    """The last check before control is taken: DeviceError if a program has started meanwhile, which is left alone."""
     status, sentence, remedy = other_program(int(frames.newest().values["runtime_state"][0]))
     if status is not Status.RUNNING:
         raise DeviceError(f"{host}: {sentence}; it began just now; {remedy}")
 
 
 def overtaken(options: UrOptions, version: tuple[int, ...]) -> DeviceError | None:
-    """That another client's program plays now, where one does: it ended ours before ours took a command."""
+    """Error that names another client's program, which ended ours before ours took a command; None if none is reported."""
     name = controller_info(options.host, version, options.robot_api_port).program
     if not name:
         return None
@@ -34,7 +34,7 @@ def overtaken(options: UrOptions, version: tuple[int, ...]) -> DeviceError | Non
 def await_program(
     frames: FramesInOrder, host: str, assumed: Collection[str], condition: Callable[[Frame], tuple[Status, str]]
 ) -> None:
-    """The frames must show the running program, at full speed, before commands may be sent."""
+    """Wait until the frames show our program running, at full speed unless `assumed` waives it; DeviceError after START_TIME."""
     end = time.monotonic() + START_TIME
     while True:
         values = frames.next().values

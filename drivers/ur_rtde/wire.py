@@ -1,4 +1,4 @@
-"""RTDE frames, read defensively: whatever the bytes, the answer is frames or a refusal.
+"""RTDE frames, parsed defensively: any bytes give either frames or a BrokenStream.
 
 Universal Robots, "Real-Time Data Exchange (RTDE) Guide", protocol version 2: u16 size with header, u8 kind, payload, big-endian.
 """
@@ -18,7 +18,7 @@ FORMATS = {
 
 
 class BrokenStream(Exception):
-    """The bytes are no RTDE stream, or not the one that was agreed on; the message says where."""
+    """The bytes are not an RTDE stream, or not the one agreed on; the message states where."""
 
 
 def request(kind: str, payload: bytes = b"") -> bytes:
@@ -33,7 +33,7 @@ class Splitter:
         self._bytes = bytearray()
 
     def feed(self, data: bytes) -> list[tuple[str, bytes]]:
-        """The frames that are complete now, in order; BrokenStream for a size that no frame has."""
+        """The frames that are now complete, in order; BrokenStream for a size that no frame has."""
         self._bytes += data
         frames = []
         while len(self._bytes) >= HEADER.size:
@@ -49,7 +49,7 @@ class Splitter:
 
 @dataclass(frozen=True)
 class Recipe:
-    """The agreed layout of data frames: variable name -> the values it has."""
+    """The agreed layout of data frames: variable names and their types."""
 
     number: int
     names: tuple[str, ...]
@@ -62,7 +62,7 @@ class Recipe:
         object.__setattr__(self, "_layout", struct.Struct(">B" + "".join(FORMATS[t] for t in self.types)))
 
     def unpack(self, payload: bytes) -> dict[str, tuple[float, ...]]:
-        """The values of one data frame."""
+        """The values of one data frame by variable name; BrokenStream if it is not of this layout."""
         layout: struct.Struct = self._layout  # type: ignore[attr-defined]
         if len(payload) != layout.size:
             raise BrokenStream(f"a data frame has {len(payload)} bytes, its recipe {layout.size}")

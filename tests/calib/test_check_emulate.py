@@ -37,7 +37,7 @@ def test_a_failed_check_is_exit_code_1_with_what_to_do(tmp_path: Path, capsys: p
     path.write_text(text + "[payload]\nmass = 12.0\ncom = [0.0, 0.0, 0.2]\n")
     assert main(["check", str(path), "--seconds", "0.1"]) == 1
     printed = capsys.readouterr()
-    assert "look for a tool that the cell file does not declare" in printed.out
+    assert "check for a tool that the cell file does not declare" in printed.out
     assert "torque at rest" in printed.err
 
 
@@ -97,7 +97,7 @@ def test_the_joints_of_a_cell_with_an_arm_turn_only_after_the_typed_answer(
     assert main(["check", str(path), "--move", "--yes"]) == 3
     monkeypatch.setattr("sys.stdin", io.StringIO("real is empty\n"))
     assert main(["check", str(path), "--move"]) == 3
-    assert "a person has to confirm at a terminal" in capsys.readouterr().err
+    assert "a person must confirm at a terminal" in capsys.readouterr().err
     person, terminal = os.openpty()
     with open(terminal, encoding="utf-8") as stream:
         monkeypatch.setattr(stream, "readline", lambda: "yes\n")

@@ -237,6 +237,8 @@ def test_a_drive_that_stays_on_is_reported(bench):
     b.driver.connect()
     b.stream(20)
     b.bus.inject("silent:wrist_3_joint")
-    with pytest.raises(DeviceError, match=r"wrist_3_joint \(node 6\): torque was switched off, but the drive does not say so"):
+    with pytest.raises(
+        DeviceError, match=r"wrist_3_joint \(node 6\): torque was switched off, but the drive does not report it"
+    ):
         b.driver.release()
     assert not b.bus.body.live.any()  # its watchdog has run out meanwhile

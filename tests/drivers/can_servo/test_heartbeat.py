@@ -24,7 +24,9 @@ def test_an_old_heartbeat_is_none(bench):
         b.stream(100)
     assert 0.2 < b.clock.now() - begin < 0.31
     b.bus.servos[3].on = False  # nor does it count as off
-    with pytest.raises(DeviceError, match=r"wrist_1_joint \(node 4\): torque was switched off, but the drive does not say so"):
+    with pytest.raises(
+        DeviceError, match=r"wrist_1_joint \(node 4\): torque was switched off, but the drive does not report it"
+    ):
         b.driver.release()
 
 

@@ -123,7 +123,7 @@ def test_a_drive_without_heartbeat_is_not_taken_for_one_that_is_on(bench, listen
     made = bench("odrive")
     frames, _ = frames_of(made, 60)
     ear = listener(made, [m for m in frames if m.arbitration_id != made.driver.drives[2].servo.node << 5 | HEARTBEAT])
-    with pytest.raises(DeviceError, match=r"not all drives have answered"):
+    with pytest.raises(DeviceError, match=r"not all drives have sent an answer"):
         ear.read()
 
 
@@ -132,14 +132,14 @@ def test_silence_names_who_answered(bench, listener) -> None:
     frames, _ = frames_of(made, 10)
     key = made.driver.drives[2].key
     ear = listener(made, [m for m in frames if made.driver.drives[0].key_of(m) != key])
-    with pytest.raises(DeviceError, match=r"not all drives have answered.*start that program first"):
+    with pytest.raises(DeviceError, match=r"not all drives have sent an answer.*start that program first"):
         ear.read()
 
 
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"interface": "slcan", "channel": "/dev/none"}, "nobody can listen beside it"),
+        ({"interface": "slcan", "channel": "/dev/none"}, "no second one can listen"),
         ({"interface": "virtual", "channel": "nothing"}, "cannot ask a drive for its ranges"),
     ],
 )
@@ -219,12 +219,12 @@ def test_who_listened_brakes_and_holds_the_arm_in_place_of_a_program_that_is_gon
 
 
 def test_who_has_heard_nothing_does_not_command(tmp_path, servo6) -> None:
-    with pytest.raises(DeviceError, match="nobody has listened"):
+    with pytest.raises(DeviceError, match="no answers of the drives"):
         CanServo.from_cell(wire_cell("socketcand", tmp_path), servo6).halt()
 
 
 @pytest.mark.parametrize(
-    ("interface", "why"), [("slcan", "nobody can listen"), ("virtual", "one process"), ("socketcand", "ranges")]
+    ("interface", "why"), [("slcan", "no second one can listen"), ("virtual", "one process"), ("socketcand", "ranges")]
 )
 def test_why_a_second_program_cannot_hear_a_bus(tmp_path, servo6, interface: str, why: str) -> None:
     assert why in CanServo.from_cell(wire_cell(interface, tmp_path), servo6).beside()

@@ -79,7 +79,7 @@ def test_cubemars_are_queried_where_nothing_can_fall(bench, scanned):
     assert scanned(b)[0].found == ()
     result, _ = scanned(b, supported=True)
     assert [(f.protocol, f.node, f.feedback) for f in result.found] == [("cubemars", n, n) for n in range(1, 7)]
-    assert "ranges stand in its manual" in result.found[0].described.problems[0]
+    assert "its manual states the ranges" in result.found[0].described.problems[0]
 
 
 def test_what_must_be_set_first_is_reported_for_each_drive(bench, scanned):

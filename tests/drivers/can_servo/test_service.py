@@ -71,7 +71,7 @@ def test_a_zero_is_set_on_a_joint_that_is_off_and_still(service):
     with shop:
         assert shop.do("wrist_3_joint", "zero").q == pytest.approx(0.0, abs=2e-3)
         b.bus.servos[4].switch(True)
-        with pytest.raises(DeviceError, match=r"not moved while it is on"):
+        with pytest.raises(DeviceError, match=r"cannot be set while it is on"):
             shop.do("wrist_2_joint", "zero", supported=True)
 
 
