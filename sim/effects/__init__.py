@@ -1,4 +1,4 @@
-"""The catalogue: one file an effect, one line in EFFECTS; everything else about effects is derived from it."""
+"""Catalogue of effects: one file per effect and one line in EFFECTS; everything else about effects is derived from it."""
 
 from __future__ import annotations
 
@@ -68,15 +68,15 @@ OWN_EFFECTS: tuple[Effect, ...] = (
     TransmissionCoupling(),
 )
 
-# what a regression writes into an arm beside the named effects; nobody looks for it by name
+# laws that a fit adds to an arm besides the named effects; a diagnosis does not search for them
 LAWS: tuple[Effect, ...] = (FrictionLaw(), GearRipple())
 
-# effects of other packages that cannot be used -> why; the others are as good as our own
+# unusable effect of another package -> reason; usable ones are treated like our own
 BROKEN: dict[str, str] = {}
 
 
 def _of_packages() -> tuple[Effect, ...]:
-    """The effects that installed packages add (entry point arm_calib.effects), in the order of their names."""
+    """Effects that installed packages add (entry point arm_calib.effects), sorted by name; unusable ones go to BROKEN."""
     found = []
     check_names("effects", (e.name for e in (*OWN_EFFECTS, *LAWS)))
     for name, entry in sorted(plugins("effects").items()):
@@ -97,13 +97,13 @@ _BY_NAME = {effect.name: effect for effect in (*EFFECTS, *LAWS)}
 
 
 def effect_origin(name: str) -> str:
-    """The package and version that an effect comes from."""
+    """Package and version that an effect comes from."""
     entry = plugins("effects").get(name)
     return origin(entry) if entry else OWN
 
 
 def effect_named(name: str) -> Effect:
-    """The effect of that name; ConfigError names the nearest, or says why that of another package cannot be used."""
+    """The effect of that name; ConfigError suggests the nearest name, or states why a package's effect cannot be used."""
     if name in BROKEN:
         raise ConfigError(BROKEN[name])
     try:
@@ -113,7 +113,7 @@ def effect_named(name: str) -> Effect:
 
 
 def checked(arm: Arm, instance: ArmEffect) -> ArmEffect:
-    """`instance` if the catalogue and the arm know it and its parameters are within bounds, else ConfigError."""
+    """Return `instance` if the catalogue has its effect, the arm its joint, and its parameters are valid; else ConfigError."""
     effect = effect_named(instance.effect)
     if effect.scope == "joint" and instance.joint is None:
         raise ConfigError(f"effect {effect.name}: a joint is needed; joints: {', '.join(arm.joint_names)}")
@@ -125,7 +125,7 @@ def checked(arm: Arm, instance: ArmEffect) -> ArmEffect:
 
 
 def within_bounds(instance: ArmEffect) -> None:
-    """ConfigError where the catalogue has no such effect, or it belongs elsewhere, or has other parameters, or one is out of bounds."""
+    """ConfigError if the effect is unknown, its scope or its parameter names do not match, or a parameter is out of bounds."""
     effect = effect_named(instance.effect)
     where = f"effect {instance.effect}" + (f" at {instance.joint}" if instance.joint else "")
     if effect.scope == "joint" and instance.joint is None:
@@ -134,15 +134,15 @@ def within_bounds(instance: ArmEffect) -> None:
         raise ConfigError(f"{where}: this effect belongs to the whole arm; leave the joint out")
     names = [p.name for p in effect.parameters]
     if sorted(instance.parameters) != sorted(names):
-        raise ConfigError(f"{where}: parameters {sorted(instance.parameters)}; it has exactly {names}")
+        raise ConfigError(f"{where}: parameters {sorted(instance.parameters)}; needs exactly {names}")
     for p in effect.parameters:
         value = instance.parameters[p.name]
         if not p.lower <= value <= p.upper:
-            raise ConfigError(f"{where}: {p.name} = {value} {p.unit}; it lies between {p.lower:g} and {p.upper:g}")
+            raise ConfigError(f"{where}: {p.name} = {value} {p.unit}; must lie between {p.lower:g} and {p.upper:g}")
 
 
 def driven_by(joint_names: Sequence[str], instance: ArmEffect) -> str | None:
-    """The joint through which that of an effect is driven, None where it is driven by itself; ConfigError for the first of the chain."""
+    """Joint through which the effect's joint is driven; None for other effects. ConfigError for the first joint of the chain."""
     effect = effect_named(instance.effect)
     if instance.joint is None or not effect.driven:
         return None

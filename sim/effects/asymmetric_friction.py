@@ -1,4 +1,4 @@
-"""Dry friction that differs by direction."""
+"""Dry friction that differs between the two directions."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ class AsymmetricFriction(Effect):
 
     name = "asymmetric_friction"
     summary = "dry friction differs by direction; (F+ - F-)/2"
-    looks = "the torque's step at a change of direction is not centred: a constant while the joint moves, absent at rest"
+    looks = "a torque step at reversals that is not centred on zero: a constant offset while the joint moves, absent at rest"
     reference = "B. Armstrong-Helouvry, P. Dupont, C. Canudas de Wit (1994), doi:10.1016/0005-1098(94)90209-7"
-    experiment = "static holds: an offset of the reading stays at rest, asymmetric friction does not"
+    experiment = "static holds: an offset of the reading remains at rest, asymmetric friction does not"
     stage = Stage.MOTOR
     parameters = (Parameter("half_difference", "N*m", "(F+ - F-)/2", grid=(0.5,)),)
 
@@ -33,7 +33,7 @@ class AsymmetricFriction(Effect):
         )
 
     def mjcf(self, joint: str, p: Values) -> Mjcf:
-        """A passive dcmotor of constant torque: with frictionloss (F+ + F-)/2 it gives exactly [-F-, F+], at rest too."""
+        """A passive dcmotor of constant torque; with frictionloss (F+ + F-)/2 it gives exactly [-F-, F+], also at rest."""
         return Mjcf(
             elements=(
                 ("actuator", "dcmotor", passive(f"calib_asymmetric_friction_{joint}", -p["half_difference"], joint=joint)),

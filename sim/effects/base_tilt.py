@@ -1,4 +1,4 @@
-"""Gravity that is not where the model has it."""
+"""Gravity whose direction differs from the model's."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ class BaseTilt(Effect):
     """gravity in the base frame = R(roll, pitch)^T g, R = R_y(pitch) R_x(roll)."""
 
     name = "base_tilt"
-    summary = "gravity is not where the model has it"
-    looks = "gravity's torque turned by a constant angle in the world: the first joint shows torque that follows its own angle"
+    summary = "direction of gravity differs from the model's"
+    looks = "gravity torque rotated by a constant angle in the world: the first joint shows torque that follows its own angle"
     reference = "MuJoCo manual, option gravity"
-    experiment = "slow motion of the first joint over half a turn with the arm stretched"
+    experiment = "slow motion of the first joint over half a turn with the arm outstretched"
     stage = Stage.RIGID
     exact = True
     scope = "arm"
@@ -45,7 +45,7 @@ class BaseTilt(Effect):
         yield CandidateColumns(columns, lambda c: {"roll": 0.01 * float(c[0]), "pitch": 0.01 * float(c[1])})
 
     def bodies(self, tree: KinematicTree, joint: int | None, p: Values) -> KinematicTree:
-        """The tree with gravity turned."""
+        """The tree with gravity rotated."""
         cr, sr, cp, sp = np.cos(p["roll"]), np.sin(p["roll"]), np.cos(p["pitch"]), np.sin(p["pitch"])
         roll = np.array([[1.0, 0.0, 0.0], [0.0, cr, -sr], [0.0, sr, cr]])
         pitch = np.array([[cp, 0.0, sp], [0.0, 1.0, 0.0], [-sp, 0.0, cp]])

@@ -17,7 +17,7 @@ class CoulombFriction(Effect):
 
     name = "coulomb_friction"
     summary = "level of dry friction"
-    looks = "a step of the torque where the speed changes sign, the same at every speed"
+    looks = "a torque step where the speed changes sign, the same at every speed"
     reference = "B. Armstrong-Helouvry, P. Dupont, C. Canudas de Wit (1994), doi:10.1016/0005-1098(94)90209-7"
     experiment = "slow sweeps at constant speed in both directions, from standstill"
     stage = Stage.FRICTION
@@ -29,11 +29,11 @@ class CoulombFriction(Effect):
         state.level[:, joint] += p["coulomb"]
 
     def forms(self) -> Sequence[Effect]:
-        """A function of speed without memory, as most simulators have it."""
+        """A memoryless function of speed, as in most simulators."""
         return (_OfSpeed(),)
 
     def bound(self, box: TorqueBox, joints: np.ndarray, p: Known, unsure: np.ndarray) -> None:
-        """level += F; its middle is one number, which builds up together with every other slip of the joint."""
+        """level += F; its middle goes to box.dry, which builds up together with every other slip of the joint."""
         box.add(box.level, joints, p["coulomb"].wider(unsure))
         box.dry[joints] += p["coulomb"].middle
 
@@ -51,7 +51,7 @@ class _OfSpeed(CoulombFriction):
     """tau = F tanh(dq/v), v the speed that the joint's RMS acceleration reaches over the width of its slip, sqrt(2 a width)."""
 
     def apply(self, state: PathState, joint: int | None, p: Values) -> None:
-        """level += F, with another slip."""
+        """level += F, with the slip a function of speed."""
         super().apply(state, joint, p)
         assert joint is not None
         state.slips.setdefault(joint, _of_speed)

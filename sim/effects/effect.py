@@ -1,4 +1,4 @@
-"""What an effect of the catalogue is: its parameters, the stage of the torque path at which it acts, its bounds and its trials."""
+"""An effect of the catalogue: its parameters, its stage on the torque path, its bounds, and the values at which it is tried."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ Values = Mapping[str, float]
 
 @dataclass(frozen=True)
 class Parameter:
-    """One number of an effect.
+    """One parameter of an effect.
 
-    zero is the value at which the effect vanishes (None where another parameter makes it vanish); lower and upper are physical
-    bounds; grid are typical values from which a nonlinear fit begins (one value suffices where the torque is linear in it).
-    spread: standard deviation of the logarithm of a value without a zero, as far as a fit leaves its typical values.
-    turns: cycles in a revolution, which below sim.turns.BEFORE_THE_GEAR are whole, so that a whole number is chosen and not fitted.
+    zero: value at which the effect vanishes; None if another parameter makes it vanish or no finite value does.
+    lower, upper: physical bounds. grid: typical values from which a nonlinear fit starts; one suffices for a linear parameter.
+    spread: prior standard deviation of the logarithm of a parameter without a zero, which keeps a fit near its typical values.
+    turns: cycles per revolution. Below sim.turns.BEFORE_THE_GEAR they are whole, so a whole number is chosen, not fitted.
     """
 
     name: str
@@ -41,15 +41,15 @@ class Parameter:
     turns: bool = False
 
     def chosen(self, value: float) -> bool:
-        """Whether a value is one of a few that are possible, so that nothing near it is."""
+        """Whether `value` is one of a few possible values, so that it is not fitted."""
         return self.turns and value < BEFORE_THE_GEAR and float(value).is_integer()
 
 
 @dataclass(frozen=True)
 class Probe:
-    """Parameter values at which an effect is tried: torque changes linearly between `base` and each of `points`.
+    """Parameter values at which an effect is tried: the torque changes linearly from `base` to each of `points`.
 
-    combine turns the coefficients of the points (k,) into parameter values.
+    combine: coefficients (k,) of the points -> parameter values.
     """
 
     base: Values
@@ -58,13 +58,13 @@ class Probe:
 
 
 class Unbounded(Exception):
-    """Nobody can say how much torque an effect adds at most."""
+    """The torque that an effect adds has no known bound."""
 
 
 class Effect:
     """One physical effect. Subclasses set the class variables and implement the method of their stage.
 
-    A joint effect gets the joint's index; an effect of the whole arm gets joint None.
+    A joint effect receives the joint's index; an effect of the whole arm receives joint None.
     """
 
     name: ClassVar[str]
@@ -75,53 +75,53 @@ class Effect:
     stage: ClassVar[Stage]
     scope: ClassVar[Literal["joint", "arm"]] = "joint"
     parameters: ClassVar[tuple[Parameter, ...]]
-    # tried at so many points that together they follow noise: no part of what measures the noise of a recording
+    # tried at so many points that together they fit noise; left out when the noise of a recording is measured
     many: ClassVar[bool] = False
-    # fall of -2 log likelihood that naming it must bring beyond that of an ordinary effect; each was tuned on clean recordings of the exam
+    # fall of -2 log likelihood needed to name it, in addition to that of an ordinary effect; tuned on clean recordings of the exam
     surcharge: ClassVar[float] = 0.0
-    # the effect at the same joint that in nature holds a little of this one: beside it, no evidence makes a small one sure
+    # effect at the same joint that physically includes a little of this one; beside it, no evidence confirms a small one
     part_of: ClassVar[str] = ""
-    # whether its law holds by definition, so that what is left beside it is never the error of its form
+    # whether its law holds by definition, so that a remaining residual is never due to its form
     exact: ClassVar[bool] = False
-    # whether its joint is driven through the one right before it in the chain, on which it acts too; the first joint has no such effect
+    # whether its joint is driven through the previous one in the chain, on which it then also acts; the first joint cannot have it
     driven: ClassVar[bool] = False
     # at stage MOTOR: whether it uses the torque through the gear
     needs_load: ClassVar[bool] = False
 
     @property
     def law(self) -> str:
-        """The effect as an equation: the first paragraph of its docstring, in one line."""
+        """The effect's equation: the first paragraph of its docstring, on one line."""
         return " ".join((self.__doc__ or "").split("\n\n")[0].split()).rstrip(".")
 
     def passed_on(self, p: Values) -> float:
-        """Its torque on the joint before over that on its own joint; 0 of what acts on one joint."""
+        """Ratio of its torque on the previous joint to that on its own joint; 0 if it acts on one joint only."""
         return 0.0
 
     def plausible(self, p: Values, load: float, evidence: float) -> bool:
-        """Whether a fit that ended at p has found this effect: bounds that are not a single parameter's.
+        """Whether a fit that ended at p has found this effect: conditions beyond the bounds of single parameters.
 
-        load N m is the largest through the gear in the recordings, evidence the fall of -2 log likelihood.
+        load: largest load through the gear in the recordings, N m. evidence: fall of -2 log likelihood.
         """
         return True
 
     def apply(self, state: PathState, joint: int | None, p: Values) -> None:
-        """Change `state` by this effect with parameter values `p`; every stage but RIGID."""
+        """Apply this effect with parameter values `p` to `state`, in place; every stage except RIGID."""
         raise TypeError(f"{self.name} acts on the rigid bodies, not on a motion")
 
     def bound(self, box: TorqueBox, joints: np.ndarray, p: Known, unsure: np.ndarray) -> None:
-        """Change `box` so that it holds whatever `apply` makes of any motion in it, with any parameters of p, at `joints` (k,).
+        """Change `box` so that it contains the result of `apply` for any motion in it and any parameters in p, at `joints` (k,).
 
-        unsure (k,): share by which the whole effect may be off, where no parameter has a standard deviation of its own. An effect of the
-        whole arm gets no joints. By default there is no bound: `safety` refuses a motion of an arm that has such an effect.
+        unsure (k,): relative error of the whole effect, if its parameters have no standard deviations of their own. An effect of
+        the whole arm receives no joints. By default there is no bound: `safety` refuses a motion of an arm with such an effect.
         """
         raise Unbounded(self.name)
 
     def reading(self, angle: np.ndarray, p: Values) -> np.ndarray:
-        """What the encoder reads at a joint angle, rad; stage ENCODER only."""
+        """Encoder reading at a joint angle, rad; stage ENCODER only."""
         raise TypeError(f"{self.name} does not act on the encoder")
 
     def reading_speed(self, angle: np.ndarray, speed: np.ndarray, p: Values) -> np.ndarray:
-        """How fast that reading changes, rad/s, where the joint turns with `speed`: by the slope of `reading`."""
+        """Rate of change of that reading, rad/s, at the joint speed `speed`, from the slope of `reading`."""
         step = 1e-6
         return speed * (self.reading(angle + step, p) - self.reading(angle - step, p)) / (2 * step)
 
@@ -130,11 +130,11 @@ class Effect:
         raise TypeError(f"{self.name} does not act on the rigid bodies")
 
     def mjcf(self, joint: str, p: Values) -> Mjcf | None:
-        """The MJCF form, or None where plain MuJoCo has none and `sim.plant` applies the effect each step."""
+        """The MJCF form; None if plain MuJoCo has none, in which case `sim.plant` applies the effect at each step."""
         return None
 
     def exported(self, joint: str, p: Values, size: JointSize) -> Exported:
-        """The effect in an exported model: its MJCF form where it has one, else by its stage a sensor's or the callback's."""
+        """Form of the effect in an exported model: MJCF if it has such a form, else by stage native, sensor or callback."""
         form = self.mjcf(joint, p)
         if form is not None:
             words = [", ".join(form.joint), *(tag for _, tag, _ in form.elements)]
@@ -148,14 +148,17 @@ class Effect:
     def none(self) -> dict[str, float]:
         """Parameter values at which the effect is absent.
 
-        Where no parameter has such a value they are the upper bounds: a gear too stiff to twist, a limit never reached.
+        If no parameter has such a value, they are the upper bounds: a gear too stiff to twist, a limit never reached.
         """
         if all(p.zero is None for p in self.parameters):
             return {p.name: p.upper for p in self.parameters}
         return {p.name: p.grid[0] if p.zero is None else p.zero for p in self.parameters}
 
     def scaled(self, p: Values, factor: float) -> dict[str, float]:
-        """The effect `factor` times as strong: what vanishes at a zero in proportion, else every parameter, which is a stiffness or a limit, over it."""
+        """Parameter values, within bounds, of the effect `factor` times as strong.
+
+        Parameters with a zero scale from it. If none has a zero, all are stiffnesses or limits, and are divided by `factor`.
+        """
         if all(x.zero is None for x in self.parameters):
             return {x.name: float(np.clip(p[x.name] / factor, x.lower, x.upper)) for x in self.parameters}
         return dict(p) | {
@@ -165,13 +168,13 @@ class Effect:
         }
 
     def forms(self) -> Sequence[Effect]:
-        """Other published laws of this effect, with the same parameters: nobody knows which one a real joint follows."""
+        """Other published laws of this effect with the same parameters; which of them a real joint follows is unknown."""
         return ()
 
     def probes(self, own: Values | None) -> list[Probe]:
-        """Where to try the effect, beside the values that the arm has (None where it has none).
+        """Values at which to try the effect, given the arm's own values (None if it has none).
 
-        By default the torque is linear in the parameters that have a zero, for each value on the grids of the others.
+        Default: the torque is linear in the parameters that have a zero, for each combination of grid values of the others.
         """
         linear = [p for p in self.parameters if p.zero is not None]
         others = [p for p in self.parameters if p.zero is None]
@@ -185,9 +188,9 @@ class Effect:
         return probes
 
     def columns(self, views: Sequence[MotionView], joint: int | None) -> Iterator[CandidateColumns]:
-        """How the effect would show in the torque of some recordings, from every start of its nonlinear parameters; none where it cannot.
+        """Torque columns of the effect in recordings, for each start of its nonlinear parameters; none if it cannot show.
 
-        By default by its probes: those of an encoder through the posture, those behind the load through the torque of their joint.
+        Default, from its probes: an encoder effect through the posture, an effect behind the load through the torque of its joint.
         """
         if joint is not None and self.stage is Stage.ENCODER:
             yield from of_the_reading(self, views, joint)
@@ -195,25 +198,25 @@ class Effect:
             yield from behind_the_load(self, views, joint)
 
     def imitators(self, path: PathState, joint: int) -> dict[str, np.ndarray]:
-        """What is no effect of the catalogue and looks like this one: its name -> (N, k) whose weighted sums are torques of that joint.
+        """Causes outside the catalogue that look like this effect: name -> (N, k) whose weighted sums are torques of that joint.
 
-        Where one of them explains recordings better than the effect does, the effect is not named.
+        If one of them explains the recordings better than the effect does, the effect is not named.
         """
         return {}
 
     def motor_lead(self, load: np.ndarray) -> np.ndarray | None:
         """(N,) rad by which the motor leads the link per unit of the only parameter, under load (N,) N m through the gear.
 
-        NaN where that is not known. A drive holds its motor at the command, so this much stands in the following error. None of an effect
-        whose lead is in no proportion to its parameter, or that a softer drive would show as well.
+        NaN where it is unknown. A drive holds its motor at the command, so the lead appears in the following error. None for an
+        effect whose lead is not proportional to its parameter, or whose following error a softer drive would also show.
         """
         return None
 
     def joint_before(self, joint: int | None) -> int:
-        """Index of the joint through which that joint is driven; ConfigError for the first."""
+        """Index of the joint through which `joint` is driven, the one before it; ConfigError for the first joint."""
         if not joint:
             raise ConfigError(
-                f"{self.name}: the joint is driven through the one before it, and the first has none; name another"
+                f"{self.name}: its joint is driven through the one before it, and the first has none; name another joint"
             )
         return joint - 1
 

@@ -11,15 +11,15 @@ from sim.torque_box import Known, TorqueBox
 from sim.torque_path import PathState, Stage
 from sim.turns import repeats
 
-TURNS = (1, 2, 3, 4)  # waves of drag along a turn, of which a gear that sits off its centre has one
+TURNS = (1, 2, 3, 4)  # cycles of drag per turn; a gear mounted off centre has one
 
 
 class EncoderEccentricity(Effect):
     """reading = angle + A sin(N angle + phase)."""
 
     name = "encoder_eccentricity"
-    summary = "position reading periodic in position"
-    looks = "gravity and inertia as of a posture that is wrong by a wave along the joint's angle; speed ripples with it"
+    summary = "error of the position reading, periodic in position"
+    looks = "gravity and inertia of a posture whose error varies periodically with the joint's angle; the speed ripples with it"
     reference = (
         "Synapticon SOMANET documentation 4.19 (2022), wide angle error: eccentricity once, ovality twice per revolution"
     )
@@ -43,11 +43,11 @@ class EncoderEccentricity(Effect):
     )
 
     def plausible(self, p: Values, load: float, evidence: float) -> bool:
-        """The joint's own parts are where they were after a whole turn, and no reading belongs to two angles."""
+        """Whether parts of the joint can cause a wave of that many cycles, and no reading belongs to two angles."""
         return repeats(p["cycles"]) and p["amplitude"] * p["cycles"] < 1
 
     def apply(self, state: PathState, joint: int | None, p: Values) -> None:
-        """Solve angle + A sin(N angle + phase) = reading by fixed point, with speed and acceleration by the chain rule."""
+        """Solve angle + A sin(N angle + phase) = reading by fixed-point iteration; speed and acceleration by the chain rule."""
         a, n, phase = p["amplitude"], p["cycles"], p["phase"]
         reading = state.q[:, joint].copy()
         angle = reading.copy()
@@ -61,7 +61,7 @@ class EncoderEccentricity(Effect):
         state.q[:, joint] = angle
 
     def bound(self, box: TorqueBox, joints: np.ndarray, p: Known, unsure: np.ndarray) -> None:
-        """angle = reading -+ A; its speed and acceleration by the largest slope A N and curvature A N^2 of the wave."""
+        """angle = reading -+ A; speed and acceleration from the largest slope A N and curvature A N^2 of the wave."""
         a = p["amplitude"].magnitude * (1 + unsure)
         slope = a * p["cycles"].magnitude
         if not (slope < 1).all():
@@ -80,11 +80,11 @@ class EncoderEccentricity(Effect):
         return angle + p["amplitude"] * np.sin(p["cycles"] * angle + p["phase"])
 
     def probes(self, own: Values | None) -> list[Probe]:
-        """By cosine and sine."""
+        """Cosine and sine for each N of the grid; none if the arm already has the effect."""
         return waves(self) if own is None else []
 
     def imitators(self, path: PathState, joint: int) -> dict[str, np.ndarray]:
-        """Drag of a gear that sits off its centre: dq sin(N q) and dq cos(N q) for N in TURNS."""
+        """Drag of a gear mounted off centre: dq sin(N q) and dq cos(N q) for N in TURNS."""
         q, dq = path.q[:, joint], path.dq[:, joint]
         waves = [wave(n * q) * dq for n in TURNS for wave in (np.sin, np.cos)]
         return {"drag that varies along the angle": np.stack(waves, axis=1)}

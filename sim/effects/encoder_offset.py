@@ -14,9 +14,9 @@ class EncoderOffset(Effect):
 
     name = "encoder_offset"
     summary = "zero of the joint is wrong"
-    looks = "gravity's torque as of another posture: on this joint and on those before it"
+    looks = "gravity torque of another posture, on this joint and on those before it"
     reference = "J. Hollerbach, C. Wampler (1996), doi:10.1177/027836499601500604"
-    experiment = "a mechanical zero mark, or gravity postures with a trusted centre of mass"
+    experiment = "a mechanical zero mark, or static postures with a trusted centre of mass"
     stage = Stage.ENCODER
     exact = True
     parameters = (Parameter("offset", "rad", "reading at the true zero", lower=-0.5, upper=0.5, grid=(0.01,)),)

@@ -18,15 +18,15 @@ class ExternalContact(Effect):
 
     name = "external_contact"
     summary = "something touched the arm for a while"
-    looks = "a residual on several joints at once for a short time, once"
+    looks = "a single short residual on several joints at once"
     reference = "S. Haddadin, A. De Luca, A. Albu-Schaffer (2017), doi:10.1109/TRO.2017.2723903"
-    experiment = "repeat the motion in an empty cell"
+    experiment = "the same motion in an empty cell"
     stage = Stage.FORCE
     scope = "arm"
-    # many windows are tried: on 116 clean cases of the exam (seeds 26112951 to ...991) the best brought 31 once and 25 and less otherwise
+    # many windows are tried: on 116 clean cases of the exam (seeds 26112951 to ...991) the best gained 31 once, otherwise at most 25
     surcharge = 2.0
     parameters = (
-        Parameter("start", "s", "from the start of the recording", zero=None, lower=0.0, upper=1e5),
+        Parameter("start", "s", "onset, from the start of the recording", zero=None, lower=0.0, upper=1e5),
         Parameter("duration", "s", "how long it lasts", zero=None, lower=0.02, upper=60.0, grid=(1.0,)),
         Parameter("force_x", "N", "force on the last link", grid=(1.0,)),
         Parameter("force_y", "N", "force on the last link", grid=(1.0,)),
@@ -34,7 +34,7 @@ class ExternalContact(Effect):
     )
 
     def columns(self, views: Sequence[MotionView], joint: int | None) -> Iterator[CandidateColumns]:
-        """None: it is looked for in time (calib.diagnosis.contact)."""
+        """None: it is searched for in time (calib.diagnosis.contact)."""
         return iter(())
 
     def apply(self, state: PathState, joint: int | None, p: Values) -> None:
@@ -44,15 +44,15 @@ class ExternalContact(Effect):
         state.force += window[:, None] * np.array([p["force_x"], p["force_y"], p["force_z"]])
 
     def window(self, phase: np.ndarray) -> np.ndarray:
-        """Share of the force at 0 < phase < 1 (N,)."""
+        """Share (N,) of the force at 0 < phase < 1."""
         return np.sin(np.pi * phase) ** 2
 
     def forms(self) -> Sequence[Effect]:
-        """Half a sine, and a force that is there at once and gone at once: nobody knows how it was touched."""
+        """A half sine, and a force that starts and ends abruptly: how the arm was touched is unknown."""
         return _HalfSine(), _Constant()
 
     def bound(self, box: TorqueBox, joints: np.ndarray, p: Known, unsure: np.ndarray) -> None:
-        """f += anything from 0 to f: nobody knows when the recording began."""
+        """f += anything from 0 to f: when the recording begins is unknown."""
         for axis, name in enumerate(("force_x", "force_y", "force_z")):
             box.add(box.force, np.array([axis]), Interval.zeros((1,)).hull(p[name].wider(unsure)))
 

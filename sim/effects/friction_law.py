@@ -1,4 +1,4 @@
-"""The friction of one joint as data show it: a sum of stated terms, for what no single effect of the catalogue describes."""
+"""Friction of one joint fitted to data: a sum of given terms, where no single effect of the catalogue describes it."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from sim.torque_path import PathState, Stage
 WIDTHS = (1e-4, 3e-4, 1e-3, 3e-3, 1e-2, 3e-2, 1e-1)
 POWERS = (0.3, 0.6, 1.0, 2.0)
 SPEEDS = (0.02, 0.1, 0.4)
-# the other terms turn over this displacement, so that none of them steps at a reversal
+# displacement over which the other terms reverse, so that none of them steps
 TURNING = 1e-3
 _TURNING = WIDTHS.index(TURNING)
-# rad/s: below, the roots of the speed go over into a straight line, which a simulation can follow
+# rad/s: below it, the roots of the speed become linear, which a simulation can follow
 SLOW = 0.01
 FAMILIES: dict[str, tuple[str, ...]] = {
     "slip": ("slip_1e-4", "slip_3e-4", "slip_1e-3", "slip_3e-3", "slip_1e-2", "slip_3e-2", "slip_1e-1"),
@@ -28,7 +28,7 @@ FAMILIES: dict[str, tuple[str, ...]] = {
     "stribeck": ("stribeck_0.02", "stribeck_0.1", "stribeck_0.4"),
     "load": ("load", "load_2", "load_driving"),
 }
-# effect -> the family of terms that describe the same in a freer form
+# effect -> family of terms that describe it in a more flexible form
 FORMS = {
     "presliding_friction": "slip",
     "nonlinear_viscous_friction": "speed",
@@ -45,7 +45,7 @@ TERMS = tuple(name for family in FAMILIES.values() for name in family)
 
 
 def formula(p: Values) -> str:
-    """The law with its numbers, largest terms first: "3.1 z(0.003) + 0.04 z |load|"."""
+    """The law as text, largest coefficients first: "3.1 z(0.003) + 0.04 z |load|"."""
     names = sorted((n for n in TERMS if p[n] != 0.0), key=lambda n: -abs(p[n]))
     shown = [f"{'-' if p[name] < 0 else '+'} {abs(p[name]):.3g} {SYMBOLS[name]}" for name in names]
     return " ".join(shown).removeprefix("+ ") or "0"
@@ -60,9 +60,7 @@ class FrictionLaw(Effect):
 
     name = "friction_law"
     summary = "friction as a fitted sum of terms"
-    looks = (
-        "memory after each change of direction on several scales, and friction that depends on speed and load in no simple way"
-    )
+    looks = "memory on several scales after each reversal, and friction that depends on speed and load in no simple way"
     reference = (
         "F. Al-Bender, V. Lampaert, J. Swevers (2005), doi:10.1109/TAC.2005.858676; terms chosen by regression on the data"
     )
@@ -81,7 +79,7 @@ class FrictionLaw(Effect):
     )  # fmt: skip
 
     def apply(self, state: PathState, joint: int | None, p: Values) -> None:
-        """Add the terms whose coefficients are not zero; where the caller keeps a memory, going on from where the part before ended."""
+        """Add the terms with non-zero coefficients. If the caller keeps a memory, continue where the previous part ended."""
         assert joint is not None
         memory = None if state.memory is None else state.memory.get((self.name, joint))
         if memory is None:
@@ -92,12 +90,12 @@ class FrictionLaw(Effect):
                 wanted = [name for name, value in zip(TERMS, values, strict=True) if value != 0.0]
                 state.tau[:, joint] += self.terms(state, joint, wanted) @ np.array([p[name] for name in wanted])
                 return
-            # the coefficients stand behind the slips: this is called at every step of a simulation
+            # the coefficients are kept behind the slips, because this is called at every step of a simulation
             memory = state.memory[self.name, joint] = np.array([state.q_motor[0, joint], *(0.0 for _ in WIDTHS), *values])
         _go_on(state.q_motor, state.dq_motor, state.load, state.tau, joint, memory)
 
     def bound(self, box: TorqueBox, joints: np.ndarray, p: Known, unsure: np.ndarray) -> None:
-        """The slips of every width together, then the other terms one by one, each with its own doubt."""
+        """The slips of all widths together, then the other terms one by one, each with its own uncertainty."""
         dq, load = box.dq[:, joints], box.load[:, joints]
         turn = box.slip(joints, TURNING)
         size = abs(load)
@@ -128,7 +126,7 @@ class FrictionLaw(Effect):
         box.by_friction[:, joints] += (1 + unsure) * share * steep
 
     def terms(self, state: PathState, joint: int, names: Sequence[str] = TERMS) -> np.ndarray:
-        """(N, k) torque of each of these terms with a coefficient of one, along a whole path."""
+        """Torque (N, k) of each named term with a coefficient of one, along a whole path."""
         q, dq, load = (np.ascontiguousarray(x[:, joint]) for x in (state.q_motor, state.dq_motor, state.load))
         slips = np.zeros((len(q), len(WIDTHS)))
         for i, (width, name) in enumerate(zip(WIDTHS, FAMILIES["slip"], strict=True)):
@@ -137,14 +135,14 @@ class FrictionLaw(Effect):
         return np.asarray(_terms(dq, load, slips, np.array([TERMS.index(name) for name in names])))
 
     def probes(self, own: Values | None) -> list[Probe]:
-        """None: it is the regression's answer to what the named effects leave, and no candidate among them."""
+        """None: the law is fitted to what the named effects leave; it is not a candidate among them."""
         return []
 
 
-# Numba's cache follows the changes of a file and not of those that it imports: these kernels call none of another file.
+# Numba's cache notices changes of this file but not of the files it imports, so these kernels call none from another file.
 @numba.njit(cache=True)
 def _term(which, dq, load, slips):  # type: ignore[no-untyped-def]
-    """The term of TERMS with that index at one instant, from the slips of WIDTHS."""
+    """Value of the term with index `which` in TERMS at one instant, from the slips of WIDTHS."""
     speed, turn, k = abs(dq), slips[_TURNING], which
     if k < len(WIDTHS):
         return slips[k]
@@ -162,7 +160,7 @@ def _term(which, dq, load, slips):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True)
 def _terms(dq, load, slips, wanted):  # type: ignore[no-untyped-def]
-    """(N, k) of the terms whose indices are wanted, at every instant."""
+    """Values (N, k) of the terms with the `wanted` indices, at every instant."""
     out = np.empty((len(dq), len(wanted)))
     for i in range(len(wanted)):
         for k in range(len(dq)):
@@ -172,9 +170,9 @@ def _terms(dq, load, slips, wanted):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True)
 def _go_on(q, dq, load, tau, joint, memory):  # type: ignore[no-untyped-def]
-    """Add the torque of all terms to that of a joint, (N, n) each.
+    """Add the torque of all terms to that of one joint; q, dq, load and tau are (N, n).
 
-    memory, moved on in place: the angle before the first sample, the slips of WIDTHS there, and the coefficients of the terms.
+    memory, updated in place: the angle before the first sample, the slips of WIDTHS there, and the coefficients of the terms.
     """
     slips, coefficients = memory[1 : 1 + len(WIDTHS)], memory[1 + len(WIDTHS) :]
     for k in range(len(q)):

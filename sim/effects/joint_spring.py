@@ -9,7 +9,7 @@ from sim.mjcf_form import Mjcf
 from sim.torque_box import Known, TorqueBox
 from sim.torque_path import PathState, Stage
 
-RELAXATION = 3.0  # s; cables and hoses creep within 1 to 10 s, and one time within a factor of three looks like another
+RELAXATION = 3.0  # s; cables and hoses creep over 1 to 10 s, and time constants within a factor of three look alike
 
 
 class JointSpring(Effect):
@@ -17,7 +17,7 @@ class JointSpring(Effect):
 
     name = "joint_spring"
     summary = "cable, hose or spring"
-    looks = "torque in proportion to the joint's angle, at every speed"
+    looks = "torque proportional to the joint's angle, at every speed"
     reference = "MuJoCo manual, joint stiffness and springref"
     experiment = "a slow motion over the whole range of that joint"
     stage = Stage.JOINT
@@ -54,8 +54,8 @@ class JointSpring(Effect):
         return [Probe(base, (one, two), combine)]
 
     def imitators(self, path: PathState, joint: int) -> dict[str, np.ndarray]:
-        """A cable that creeps: torque in proportion to the angle less where the cable has crept to, c' = (q - c) / RELAXATION."""
-        from scipy.signal import lfilter  # half a second to load, for every command
+        """A cable that creeps: torque proportional to q - c, where the cable has crept to c with c' = (q - c) / RELAXATION."""
+        from scipy.signal import lfilter  # takes half a second to import, which every command would pay
 
         q = path.q[:, joint]
         decay = np.exp(-float(np.median(np.diff(path.t))) / RELAXATION)

@@ -1,4 +1,4 @@
-"""A link whose mass or centre of mass is not as drawn."""
+"""A link whose mass or centre of mass differs from the model."""
 
 from __future__ import annotations
 
@@ -14,7 +14,8 @@ from sim.rigid_body import link_parameters
 from sim.torque_path import Stage
 from sim.tree import KinematicTree
 
-SPREAD = (5.0, 1.0, 1.0, 1.0, 5.0)  # half the link's mass, 0.1 m of its centre, half of its moments, in units of the columns
+# half the link's mass, 0.1 m of its centre of mass, half its moments, in units of the columns
+SPREAD = (5.0, 1.0, 1.0, 1.0, 5.0)
 
 
 class LinkInertia(Effect):
@@ -22,11 +23,11 @@ class LinkInertia(Effect):
 
     name = "link_inertia"
     summary = "a link's mass or centre of mass is wrong"
-    looks = "gravity and inertia on the joints up to that link, the same in both directions"
+    looks = "gravity and inertia torque on the joints up to that link, the same in both directions of motion"
     reference = "C. G. Atkeson, C. H. An, J. M. Hollerbach (1986), doi:10.1177/027836498600500306"
-    experiment = "a motion of all joints from that link inwards in varied postures"
+    experiment = "a motion of all joints from the base to that link, in varied postures"
     stage = Stage.RIGID
-    surcharge = 4.0  # one cause for the whole arm, a payload, is likelier than a local one
+    surcharge = 4.0  # a payload, one cause for the whole arm, is more likely than a local one
     parameters = (
         Parameter("mass", "kg", "mass of the link", zero=None, lower=0.0, upper=1e3),
         Parameter("com_x", "m", "centre of mass in the link's frame", zero=None, lower=-3.0, upper=3.0),
@@ -35,9 +36,9 @@ class LinkInertia(Effect):
     )
 
     def columns(self, views: Sequence[MotionView], joint: int | None) -> Iterator[CandidateColumns]:
-        """Linear in the change of m and c, with the moments about the joint that follow, and of moments that do not.
+        """Linear in the changes of m and c, with the moments about the joint that follow from them, and in the moments alone.
 
-        The last link's cannot be distinguished from a payload's.
+        None for the last link, which cannot be distinguished from a payload.
         """
         tree = views[0].tree
         if joint is None or joint == views[0].n - 1:

@@ -16,7 +16,7 @@ class LoadDependentFriction(Effect):
 
     name = "load_dependent_friction"
     summary = "friction grows with transmitted torque"
-    looks = "dry friction that is larger where the joint carries more"
+    looks = "dry friction that is larger where the joint carries more load"
     reference = "A. C. Bittencourt, S. Gunnarsson (2012), J. Dynamic Systems, Measurement, and Control 134(5), 051013"
     experiment = "the same slow sweep in two postures with different gravity load"
     stage = Stage.FRICTION
@@ -27,11 +27,11 @@ class LoadDependentFriction(Effect):
         state.level[:, joint] += p["coefficient"] * self.grown(np.abs(state.load[:, joint]))
 
     def grown(self, load: np.ndarray) -> np.ndarray:
-        """N m (N,) to which friction is in proportion, where the gear carries a load (N,) of that size."""
+        """N m (N,) to which friction is proportional, under a load (N,) of that size on the gear."""
         return load
 
     def forms(self) -> Sequence[Effect]:
-        """Powers of the load: 2/3 of one elastic contact (its area, after Hertz), 4/3 of a ball bearing (Harris, Rolling Bearing Analysis)."""
+        """Powers of the load: 2/3 for one elastic contact (its area, after Hertz), 4/3 for a ball bearing (Harris, Rolling Bearing Analysis)."""
         return _Power(2 / 3), _Power(4 / 3)
 
     def bound(self, box: TorqueBox, joints: np.ndarray, p: Known, unsure: np.ndarray) -> None:

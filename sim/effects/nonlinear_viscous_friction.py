@@ -14,26 +14,26 @@ from sim.torque_box import Known, TorqueBox
 from sim.torque_path import PathState, Stage
 
 NEAR = 0.005
-THINNEST = 1e-6  # rad/s: a fluid that thins below
+THINNEST = 1e-6  # rad/s, the smallest k of a shear-thinning fluid
 
 
 class NonlinearViscousFriction(Effect):
     """tau = c |dq|^e sign(dq)."""
 
     name = "nonlinear_viscous_friction"
-    summary = "speed law that is not proportional"
-    looks = "torque odd in speed that bends: flattens (exponent below 1) or steepens (above 1) with speed"
+    summary = "viscous friction that is not proportional to speed"
+    looks = "torque odd in speed that flattens (exponent below 1) or steepens (above 1) with speed"
     reference = "B. Armstrong-Helouvry, P. Dupont, C. Canudas de Wit (1994), doi:10.1016/0005-1098(94)90209-7"
-    experiment = "constant-speed sweeps at six or more speeds over a range of 30"
+    experiment = "constant-speed sweeps at six or more speeds that span a factor of 30"
     stage = Stage.MOTOR
-    surcharge = 11.0  # it bends to anything
+    surcharge = 11.0  # it can take almost any shape
     parameters = (
         Parameter("coefficient", "N*m*(s/rad)^exponent", "torque at 1 rad/s", grid=(1.0,)),
         Parameter("exponent", "1", "power of the speed", zero=None, lower=0.15, upper=3.5, grid=(0.3, 0.5, 0.7, 1.5, 2.0, 3.0)),
     )
 
     def plausible(self, p: Values, load: float, evidence: float) -> bool:
-        """It takes energy."""
+        """Whether it dissipates energy."""
         return p["coefficient"] > 0
 
     def apply(self, state: PathState, joint: int | None, p: Values) -> None:
@@ -43,22 +43,22 @@ class NonlinearViscousFriction(Effect):
         state.tau[:, joint] += state.warmth[:, joint] * p["coefficient"] * law
 
     def at(self, speed: np.ndarray, exponent: float) -> np.ndarray:
-        """Torque at a speed (N,) rad/s over that at 1 rad/s."""
+        """Torque at a speed (N,) rad/s relative to that at 1 rad/s."""
         return speed**exponent
 
     def forms(self) -> Sequence[Effect]:
-        """A fluid that thins with shear, or a polynomial."""
+        """A shear-thinning fluid, or a polynomial."""
         return (_FluidOrPolynomial(),)
 
     def bound(self, box: TorqueBox, joints: np.ndarray, p: Known, unsure: np.ndarray) -> None:
-        """tau += warmth c |dq|^e sign(dq): it grows with dq, and goes one way with e."""
+        """tau += warmth c |dq|^e sign(dq): monotone in dq and in e."""
         dq = box.dq[:, joints]
         ends = [np.abs(v) ** e * np.sign(v) for v in (dq.lo, dq.hi) for e in (p["exponent"].lo, p["exponent"].hi)]
         law = Interval(np.minimum(*ends[:2]), np.maximum(*ends[2:]))
         box.add(box.tau, joints, (box.warmth[:, joints] * p["coefficient"] * law).wider(unsure))
 
     def exported(self, joint: str, p: Values, size: JointSize) -> Exported:
-        """Polynomial damping where it follows the power within NEAR of the torque at full speed, else the callback."""
+        """Polynomial damping if it follows the power law within NEAR of the torque at full speed, else the callback."""
         x = np.linspace(0.0, 1.0, 201)
         powers = np.stack([x, x**2, x**3], axis=1)
         share = np.linalg.lstsq(powers, x ** p["exponent"], rcond=None)[0]
@@ -66,18 +66,18 @@ class NonlinearViscousFriction(Effect):
         if off > NEAR:
             return Exported("callback", "calib.mujoco")
         a, b, c = p["coefficient"] * size.speed ** p["exponent"] * share / size.speed ** np.arange(1, 4)
-        words = f"{off:.1%} of its torque at {size.speed:.3g} rad/s, and only up to that speed" if off > 1e-9 else ""
+        words = f"{off:.1%} of its torque at {size.speed:.3g} rad/s, valid only up to that speed" if off > 1e-9 else ""
         return Exported("native", "damping polynomial", words, damping=(float(a), float(b), float(c)))
 
 
 class _FluidOrPolynomial(NonlinearViscousFriction):
     """tau = c asinh(|dq|/k)/asinh(1/k) sign(dq) where e < 1, a lubricant that thins with shear; else c ((m+1-e) |dq|^m + (e-m) |dq|^(m+1)) sign(dq).
 
-    m is the whole part of e. Both have the torque and the exponent of the power law at 1 rad/s. H. Eyring (1936), doi:10.1063/1.1749836.
+    m is the integer part of e. Both match the torque and the exponent of the power law at 1 rad/s. H. Eyring (1936), doi:10.1063/1.1749836.
     """
 
     def at(self, speed: np.ndarray, exponent: float) -> np.ndarray:
-        """Torque over that at 1 rad/s."""
+        """Torque relative to that at 1 rad/s."""
         if exponent < 1:
             k = float(brentq(lambda x: _slope(x) - max(exponent, _slope(THINNEST)), THINNEST, 1e3))
             return np.arcsinh(speed / k) / np.arcsinh(1 / k)

@@ -13,15 +13,15 @@ from sim.torque_path import Stage
 from sim.tree import KinematicTree, with_point_mass
 
 FARTHEST = 0.6  # m from the last joint
-SPREAD = (10.0, 1.0, 1.0, 1.0)  # a tenth of the arm's mass, and its hundredth at 1 m, in units of the columns
+SPREAD = (10.0, 1.0, 1.0, 1.0)  # a tenth of the arm's mass, and a hundredth of it at 1 m, in units of the columns
 
 
 class Payload(Effect):
     """last link += point mass m at c."""
 
     name = "payload"
-    summary = "something is mounted at the flange"
-    looks = "gravity and inertia on all joints at once, the same in both directions"
+    summary = "a load mounted at the flange"
+    looks = "gravity and inertia torque on all joints at once, the same in both directions of motion"
     reference = "C. G. Atkeson, C. H. An, J. M. Hollerbach (1986), doi:10.1177/027836498600500306"
     experiment = "the same motion with and without the tool, in two orientations of the wrist"
     stage = Stage.RIGID
@@ -34,7 +34,7 @@ class Payload(Effect):
     )
 
     def columns(self, views: Sequence[MotionView], joint: int | None) -> Iterator[CandidateColumns]:
-        """Linear in m and m c of a point mass; its own moments follow at second order and come with the exact fit."""
+        """Linear in m and m c of a point mass; its moments of inertia are of second order and come with the exact fit."""
         last = 10 * (views[0].n - 1)
         scale = 0.01 * float(views[0].tree.mass.sum())
 
@@ -49,7 +49,7 @@ class Payload(Effect):
         yield CandidateColumns([by_joint(v, partial(rows, v)) for v in views], combine, SPREAD)
 
     def plausible(self, p: Values, load: float, evidence: float) -> bool:
-        """Its centre of mass is near the flange."""
+        """Whether its centre of mass is within FARTHEST of the last joint."""
         return bool(np.linalg.norm([p["com_x"], p["com_y"], p["com_z"]]) < FARTHEST)
 
     def bodies(self, tree: KinematicTree, joint: int | None, p: Values) -> KinematicTree:

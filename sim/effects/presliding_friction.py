@@ -22,11 +22,11 @@ class PreslidingFriction(Effect):
 
     name = "presliding_friction"
     summary = "hysteresis before sliding"
-    looks = "after each change of direction the torque's step is spread over a displacement, whatever the speed"
+    looks = "a torque step after each reversal that is spread over a displacement, whatever the speed"
     reference = "C. Canudas de Wit, H. Olsson, K. J. Astrom, P. Lischinsky (1995), doi:10.1109/9.376053"
     experiment = "reversals with amplitudes from 1 to 50 mrad"
     stage = Stage.FRICTION
-    surcharge = 12.0  # it imitates what a model leaves at reversals
+    surcharge = 12.0  # it resembles the residual that most models leave at reversals
     parameters = (
         Parameter(
             "stiffness",
@@ -40,35 +40,38 @@ class PreslidingFriction(Effect):
     )
 
     def plausible(self, p: Values, load: float, evidence: float) -> bool:
-        """The bristles give way at all."""
+        """Whether the bristles yield at all: a stiffness below STIFFEST."""
         return p["stiffness"] < STIFFEST
 
     def apply(self, state: PathState, joint: int | None, p: Values) -> None:
-        """width = level / stiffness, never below the width that every bearing has."""
+        """width = level / stiffness, but never below the width already in `state`."""
         state.width[:, joint] = np.maximum(state.width[:, joint], state.level[:, joint] / p["stiffness"])
 
     def forms(self) -> Sequence[Effect]:
-        """A spring that slips at the level, Jenkins' element of generalized Maxwell slip (Al-Bender et al. 2005, doi:10.1109/TAC.2005.858676)."""
+        """A spring that slips at the friction level, the Jenkins element of generalised Maxwell slip.
+
+        F. Al-Bender et al. (2005), doi:10.1109/TAC.2005.858676.
+        """
         return (_Jenkins(),)
 
     def bound(self, box: TorqueBox, joints: np.ndarray, p: Known, unsure: np.ndarray) -> None:
-        """The width follows from the level, which may have been any: the memory is held by its amplitude alone."""
+        """The width follows from the level, whose past is unknown, so the slip is bounded by its amplitude alone."""
         box.loose[joints] = True
 
     def exported(self, joint: str, p: Values, size: JointSize) -> Exported:
-        """Dahl's law is the LuGre friction of a passive dcmotor without damping of its bristles."""
+        """LuGre friction of a passive dcmotor; without bristle damping it is Dahl's law."""
         return Exported("native", "dcmotor lugre", dry={"stiffness": p["stiffness"]})
 
     def probes(self, own: Values | None) -> list[Probe]:
-        """By compliance."""
+        """One for each stiffness of the grid, scaled by compliance; none if the arm already has the effect."""
         return stiffnesses(self) if own is None else []
 
 
 class _Jenkins(PreslidingFriction):
-    """d slip = dq stiffness/level, held in [-1, 1] at once and not by and by."""
+    """d slip = dq stiffness/level, clipped to [-1, 1] instead of approaching it exponentially."""
 
     def apply(self, state: PathState, joint: int | None, p: Values) -> None:
-        """The same width."""
+        """The same width, with the slip of a spring."""
         super().apply(state, joint, p)
         assert joint is not None
         state.slips[joint] = _of_spring
@@ -80,7 +83,7 @@ def _of_spring(state: PathState, joint: int, lead: float) -> np.ndarray:
 
 
 def built_up(joint: str, level: float, width: float) -> list[ArmEffect]:
-    """The effect with which dry friction of level N m builds up over width rad; none where the level is next to nothing."""
+    """The effect that makes dry friction of `level` N m build up over `width` rad; empty if its stiffness is out of bounds."""
     stiffness = PreslidingFriction().parameter("stiffness")
     if not stiffness.lower <= level / width <= stiffness.upper:
         return []

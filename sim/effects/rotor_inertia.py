@@ -1,4 +1,4 @@
-"""Inertia of the motor's rotor, reflected through the gear."""
+"""Reflected inertia of the motor."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ class RotorInertia(Effect):
 
     name = "rotor_inertia"
     summary = "reflected motor inertia (armature)"
-    looks = "torque in proportion to the joint's own acceleration"
+    looks = "torque proportional to the joint's own acceleration"
     reference = "B. Armstrong, O. Khatib, J. Burdick (1986), doi:10.1109/ROBOT.1986.1087644"
-    experiment = "a small 2-7 Hz motion of that joint"
+    experiment = "a small motion of that joint at 2 to 7 Hz"
     stage = Stage.MOTOR
-    parameters = (Parameter("inertia", "kg*m^2", "of the motor, times the gear ratio squared", lower=0.0, grid=(0.1,)),)
+    parameters = (Parameter("inertia", "kg*m^2", "motor inertia times the gear ratio squared", lower=0.0, grid=(0.1,)),)
 
     def apply(self, state: PathState, joint: int | None, p: Values) -> None:
         """tau += I_a ddq_motor."""

@@ -27,7 +27,7 @@ class StribeckFriction(Effect):
         Parameter(
             "stribeck_velocity",
             "rad/s",
-            "speed at which 1/e of the excess is left",
+            "speed at which 1/e of the excess remains",
             zero=None,
             lower=0.005,
             upper=1.0,
@@ -41,7 +41,7 @@ class StribeckFriction(Effect):
         state.level[:, joint] += p["stiction_excess"] * self.remaining(np.abs(speed))
 
     def remaining(self, speed: np.ndarray) -> np.ndarray:
-        """Share of the excess at a speed (N,) in units of v_s."""
+        """Share of the excess that remains at a speed (N,) in units of v_s."""
         return np.exp(-(speed**2))
 
     def forms(self) -> Sequence[Effect]:
@@ -49,13 +49,13 @@ class StribeckFriction(Effect):
         return _Exponential(), _Hyperbolic()
 
     def bound(self, box: TorqueBox, joints: np.ndarray, p: Known, unsure: np.ndarray) -> None:
-        """level += F_s exp(-(dq/v_s)^2): largest at the slowest."""
+        """level += F_s exp(-(dq/v_s)^2): largest at the lowest speed."""
         speed, scale = abs(box.dq[:, joints]), p["stribeck_velocity"]
         share = Interval(np.exp(-((speed.hi / scale.lo) ** 2)), np.exp(-((speed.lo / scale.hi) ** 2)))
         box.add(box.level, joints, (p["stiction_excess"] * share).wider(unsure))
 
     def exported(self, joint: str, p: Values, size: JointSize) -> Exported:
-        """The LuGre friction of a passive dcmotor has this law in steady motion."""
+        """LuGre friction of a passive dcmotor, which follows this law in steady motion."""
         dry = {"excess": p["stiction_excess"], "velocity": p["stribeck_velocity"]}
         return Exported("native", "dcmotor lugre", "builds up over 0.1 mrad after a reversal", dry=dry)
 

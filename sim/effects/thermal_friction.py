@@ -9,7 +9,7 @@ from sim.interval import Interval
 from sim.torque_box import Known, TorqueBox
 from sim.torque_path import PathState, Stage
 
-# s, W: viscosity falls nearly exponentially with temperature, so that the way from cold to warm counts as a time of its own. Its value is a
+# s, W: viscosity falls nearly exponentially with temperature, so the way from cold to warm is treated as a time. Its value is a
 # convention: only W over the time constant enters the law.
 WARM_TIME = 60.0
 
@@ -20,11 +20,11 @@ class ThermalFriction(Effect):
 
     name = "thermal_friction"
     summary = "friction changes as the joint warms"
-    looks = "friction that drifts over minutes in one direction, scaled and not shifted"
+    looks = "friction that drifts in one direction over minutes, scaled rather than offset"
     reference = "A. C. Bittencourt, S. Gunnarsson (2012), J. Dynamic Systems, Measurement, and Control 134(5), 051013"
-    experiment = "repeat one motion cold and after ten minutes of work"
+    experiment = "one motion, cold and again after ten minutes of work"
     stage = Stage.FRICTION
-    surcharge = -5.0  # warming is usual
+    surcharge = -5.0  # warming is common
     parameters = (
         Parameter("relative_drop", "1", "share of friction lost when warm", lower=-1.0, upper=0.95, grid=(0.2,)),
         Parameter(
@@ -49,7 +49,7 @@ class ThermalFriction(Effect):
         state.warmth[:, joint] *= 1.0 - p["relative_drop"] * share
 
     def bound(self, box: TorqueBox, joints: np.ndarray, p: Known, unsure: np.ndarray) -> None:
-        """warmth *= anything from 1 to 1 - d: nobody knows how warm the joint is."""
+        """warmth *= anything from 1 to 1 - d, since the joint's temperature is unknown."""
         one = np.ones(len(joints))
         box.warmth[:, joints] = box.warmth[:, joints] * Interval(one, one).hull(
             Interval(one, one) - p["relative_drop"].wider(unsure)

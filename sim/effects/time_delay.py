@@ -14,9 +14,10 @@ from sim.motion_view import CandidateColumns, JointColumns, MotionView
 from sim.torque_box import Known, TorqueBox
 from sim.torque_path import PathState, Stage
 
-# s: a drive's reading is up to 1 ms earlier or later than its motion, which the fit has as an ordinary parameter.
+# s: a drive's reading is commonly up to 1 ms early or late, which the fit estimates as an ordinary parameter.
 LEAST_DELAY = 1.5e-3
-DELAYS = (1e-3, 5e-3, 10e-3, 20e-3)  # s: beyond a few milliseconds the change of the torque is not its slope times the delay
+# s: several, since beyond a few milliseconds the change of the torque is not its slope times the delay
+DELAYS = (1e-3, 5e-3, 10e-3, 20e-3)
 
 
 class TimeDelay(Effect):
@@ -24,7 +25,7 @@ class TimeDelay(Effect):
 
     name = "time_delay"
     summary = "torque channel lags the motion channel"
-    looks = "the residual follows the rate of change of the torque, on all joints alike"
+    looks = "a residual that follows the rate of change of the torque, on all joints alike"
     reference = "J. Swevers, W. Verdonck, J. De Schutter (2007), on synchronous measurement, doi:10.1109/MCS.2007.904659"
     experiment = "a motion with several frequencies from 1 to 7 Hz"
     stage = Stage.CHANNEL
@@ -32,7 +33,7 @@ class TimeDelay(Effect):
     parameters = (Parameter("delay", "s", "age of the torque reading", lower=-0.05, upper=0.05, grid=(0.002,)),)
 
     def columns(self, views: Sequence[MotionView], joint: int | None) -> Iterator[CandidateColumns]:
-        """The predicted torque later by each of DELAYS, less the torque itself."""
+        """The predicted torque delayed by each of DELAYS, minus the torque itself."""
         own = views[0].own(self.name, None)
         before = own["delay"] if own else 0.0
 
@@ -53,7 +54,7 @@ class TimeDelay(Effect):
             yield CandidateColumns(columns, partial(combine, late=late))
 
     def plausible(self, p: Values, load: float, evidence: float) -> bool:
-        """It is later than a drive's reading ordinarily is."""
+        """Whether it exceeds LEAST_DELAY, the usual delay of a drive's reading."""
         return p["delay"] > LEAST_DELAY
 
     def apply(self, state: PathState, joint: int | None, p: Values) -> None:
@@ -63,7 +64,7 @@ class TimeDelay(Effect):
                 state.tau[:, j] = np.interp(state.t - p["delay"], state.t, state.tau[:, j])
 
     def bound(self, box: TorqueBox, joints: np.ndarray, p: Known, unsure: np.ndarray) -> None:
-        """reading(t) = tau(t - d) at the ends of d and between; one box alone does not say what was before."""
+        """reading(t) = tau(t - d) at the ends and the middle of d; a single box has no past and stays as it is."""
         if box.t is None or len(box.t) < 2:
             return
         lo, hi = box.reading.lo.copy(), box.reading.hi.copy()
@@ -74,7 +75,7 @@ class TimeDelay(Effect):
             box.reading.hi[:, j] = np.max([np.interp(t, box.t, hi[:, j]) for t in times], axis=0)
 
     def exported(self, joint: str, p: Values, size: JointSize) -> Exported:
-        """The delay of the sensors that read the motors' torque; an early reading has no form that runs forward in time."""
+        """Delay of the sensors that read the motors' torque; none if it is negative, which would need future samples."""
         if p["delay"] < 0:
-            return Exported("sensor", "none", "a reading from the future: shift what was recorded instead")
-        return Exported("sensor", "actuatorfrc, delay", "to the simulation step", delay=p["delay"])
+            return Exported("sensor", "none", "would need future samples; shift the recording instead")
+        return Exported("sensor", "actuatorfrc, delay", "accurate to one simulation step", delay=p["delay"])

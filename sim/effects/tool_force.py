@@ -1,4 +1,4 @@
-"""A constant pull on the last link, such as a hose."""
+"""A constant pull on the last link, such as that of a hose."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ class ToolForce(Effect):
     """load = tau_link - J^T f, f constant in the world."""
 
     name = "tool_force"
-    summary = "a constant pull, such as a hose"
-    looks = "like gravity on a body at the flange, but in a direction of its own and without inertia"
+    summary = "a constant pull, such as that of a hose"
+    looks = "the torque of a weight at the flange, but in a direction of its own and without inertia"
     reference = "J. J. Craig, Introduction to Robotics (2005), section 5.9"
     experiment = "varied postures of the wrist and the first joint"
     stage = Stage.FORCE

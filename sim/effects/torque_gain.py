@@ -1,4 +1,4 @@
-"""A torque reading, or a torque constant, that is scaled."""
+"""A torque reading or torque constant with a wrong scale."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ class TorqueGain(Effect):
     """reading = g tau."""
 
     name = "torque_gain"
-    summary = "torque reading or torque constant is scaled"
-    looks = "the residual is a constant share of the whole torque: gravity, inertia and friction alike"
+    summary = "torque reading or torque constant has a wrong scale"
+    looks = "a residual that is a constant share of the whole torque: gravity, inertia and friction alike"
     reference = "M. Gautier, S. Briot (2011), joint drive gains from a known payload mass, IROS 2011"
-    experiment = "attach a known mass: a gain scales it, a wrong link mass does not"
+    experiment = "a known mass attached: a gain scales it, a wrong link mass does not"
     stage = Stage.SENSOR
     parameters = (Parameter("gain", "1", "reading per torque", zero=1.0, lower=0.3, upper=3.0, grid=(1.0,)),)
 
@@ -26,7 +26,7 @@ class TorqueGain(Effect):
         state.tau[:, joint] *= p["gain"]
 
     def bound(self, box: TorqueBox, joints: np.ndarray, p: Known, unsure: np.ndarray) -> None:
-        """reading *= g; where g is not sure, by a share of how far it is from 1."""
+        """reading *= g; an uncertain g varies by a share of its distance from 1."""
         one = Interval(np.ones(len(joints)), np.ones(len(joints)))
         gain = (p["gain"] - one).wider(unsure) + one
         box.reading[:, joints] = box.reading[:, joints] * gain

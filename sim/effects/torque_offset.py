@@ -1,4 +1,4 @@
-"""A torque reading that is shifted."""
+"""A torque reading with an offset."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ class TorqueOffset(Effect):
     """reading = tau + o."""
 
     name = "torque_offset"
-    summary = "torque reading is shifted"
+    summary = "torque reading has an offset"
     looks = "a constant residual, moving or at rest"
     reference = "by definition"
     experiment = "static holds and slow motion in both directions"
     stage = Stage.SENSOR
     exact = True
-    parameters = (Parameter("offset", "N*m", "reading at no torque", grid=(0.5,)),)
+    parameters = (Parameter("offset", "N*m", "reading at zero torque", grid=(0.5,)),)
 
     def apply(self, state: PathState, joint: int | None, p: Values) -> None:
         """tau += o."""

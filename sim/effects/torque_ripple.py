@@ -17,7 +17,7 @@ from sim.torque_box import Known, TorqueBox
 from sim.torque_path import PathState, Stage
 from sim.turns import repeats
 
-# Every gear has a mesh of forty and more teeth, whose weak ripple is in every log; a ripple that is worth a name is slower.
+# Every gear meshes with forty or more teeth, whose weak ripple is in every log; ripple worth naming has fewer cycles.
 CYCLES = np.arange(1, 25)
 
 
@@ -26,7 +26,7 @@ class TorqueRipple(Effect):
 
     name = "torque_ripple"
     summary = "torque periodic in position"
-    looks = "a wave of torque along the joint's angle, the same at every speed and in both directions"
+    looks = "a torque wave along the joint's angle, the same at every speed and in both directions"
     reference = "MuJoCo manual, actuator dcmotor, attribute cogging"
     experiment = "a slow full turn of that joint in both directions"
     many = True
@@ -64,7 +64,7 @@ class TorqueRipple(Effect):
             yield CandidateColumns([{joint: wave[:, k]} for wave in waves], partial(combine, cycles=float(cycles)))
 
     def plausible(self, p: Values, load: float, evidence: float) -> bool:
-        """The joint's own parts are where they were after a whole turn."""
+        """Whether parts of the joint can cause a wave of that many cycles."""
         return repeats(p["cycles"])
 
     def apply(self, state: PathState, joint: int | None, p: Values) -> None:
@@ -83,5 +83,5 @@ class TorqueRipple(Effect):
         return Mjcf(elements=(("actuator", "dcmotor", motor),))
 
     def probes(self, own: Values | None) -> list[Probe]:
-        """By cosine and sine."""
+        """Cosine and sine for each N of the grid; none if the arm already has the effect."""
         return waves(self) if own is None else []

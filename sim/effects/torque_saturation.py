@@ -13,7 +13,7 @@ from sim.motion_view import CandidateColumns, MotionView
 from sim.torque_box import Known, TorqueBox
 from sim.torque_path import PathState, Stage
 
-# A drive's limit shows where the model asks for more than is measured: tried from just under the largest torque requested.
+# A drive's limit shows where the model needs more torque than is measured; tried downwards from just below its largest torque.
 LIMITS = tuple(0.97 * 0.94**k for k in range(14))
 
 
@@ -22,7 +22,7 @@ class TorqueSaturation(Effect):
 
     name = "torque_saturation"
     summary = "torque clips"
-    looks = "flat tops of the torque at one level while the model asks for more, and a joint that then falls behind"
+    looks = "torque clipped at one level where the model needs more, and a joint that then falls behind"
     reference = "MuJoCo manual, actuator forcerange"
     experiment = "the same motion at half speed"
     many = True
@@ -30,7 +30,7 @@ class TorqueSaturation(Effect):
     parameters = (Parameter("limit", "N*m", "largest torque", zero=None, lower=0.0, upper=1e5, grid=(100.0,)),)
 
     def columns(self, views: Sequence[MotionView], joint: int | None) -> Iterator[CandidateColumns]:
-        """The model's torque cut at fractions of its largest; a coefficient of 1 is a cut as the model has it."""
+        """Change of the model's torque by clipping at fractions of its maximum; a coefficient of 1 is exactly that clipping."""
         if joint is None or views[0].own(self.name, joint) is not None:
             return
         most = max(float(np.quantile(np.abs(v.tau_hat[:, joint]), 0.999)) for v in views)
@@ -40,7 +40,7 @@ class TorqueSaturation(Effect):
             return view.rows((np.clip(tau, -limit, limit) - tau)[:, None])
 
         def combine(c: np.ndarray, limit: float) -> dict[str, float]:
-            # Half a cut is no cut: coefficients far from 1 give a limit that is refused as unphysical.
+            # Clipping has no strength: coefficients far from 1 give NaN, which is rejected as unphysical.
             return {"limit": limit if 0.6 < float(c[0]) < 1.6 else float("nan")}
 
         for limit in (fraction * most for fraction in LIMITS):
@@ -49,11 +49,11 @@ class TorqueSaturation(Effect):
                 yield CandidateColumns(columns, partial(combine, limit=limit))
 
     def apply(self, state: PathState, joint: int | None, p: Values) -> None:
-        """tau held in [-limit, limit]."""
+        """tau clipped to [-limit, limit]."""
         state.tau[:, joint] = np.clip(state.tau[:, joint], -p["limit"], p["limit"])
 
     def bound(self, box: TorqueBox, joints: np.ndarray, p: Known, unsure: np.ndarray) -> None:
-        """No motion may need more than the drive is limited to, or the joint falls behind."""
+        """Lower the drive's limit: a joint falls behind in a motion that needs more torque."""
         box.limit[joints] = np.minimum(box.limit[joints], p["limit"].lo * (1 - unsure))
 
     def exported(self, joint: str, p: Values, size: JointSize) -> Exported:

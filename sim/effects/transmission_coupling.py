@@ -1,9 +1,11 @@
 """A joint whose motor drives it through another joint, as in the wrists of small industrial arms.
 
-The motor of joint j turns with w = dq_j + ratio dq_k, k the joint right before j in the chain; the first joint has none. Its torque T on j
-is ratio T on k (virtual work). Beside it each joint has a rotor and friction of its own. T counts as torque through the gears of both.
-TX40, joints 5 and 6: ratio 1 and the parameters Ia_m6, Fv_m6, Fc_m6 (Gautier et al.); checked against computeFrictionModel.m of BIRDy
-(Q. Leboutet et al. 2021, doi:10.3390/app11094303), where dry friction follows the speed of each joint instead of their sum.
+The motor of joint j turns at w = dq_j + ratio dq_k, with k the joint right before j in the chain; the first joint has no such
+motor. Its torque T on j acts as ratio T on k (virtual work). Each joint also has reflected inertia and friction of its own. T
+counts as torque through the gears of both.
+
+TX40, joints 5 and 6: ratio 1 and the parameters Ia_m6, Fv_m6, Fc_m6 (Gautier et al.); checked against computeFrictionModel.m of
+BIRDy (Q. Leboutet et al. 2021, doi:10.3390/app11094303), where dry friction follows the speed of each joint instead of their sum.
 """
 
 from __future__ import annotations
@@ -21,12 +23,12 @@ from sim.slip_bounds import one_slip, way_in_one_direction
 from sim.torque_box import CREEP, Known, TorqueBox
 from sim.torque_path import PathState, Stage
 
-# A motor that the joint before turns by less than this share, or by more than its inverse, is that of one joint alone.
+# A motor that the previous joint turns by less than this share, or by more than its inverse, belongs to one joint alone.
 LEAST_RATIO = 0.2
 # rad/s^2 by which friction at 1 rad/s could accelerate the motor's inertia. On the exam (benchmarks/exam) it is above 7 where the effect was hidden, and
-# 0.2 to 2.1 where it was named wrongly.
+# 0.2 to 2.1 where it was wrongly named.
 LEAST_FRICTION = 3.0
-# share of the whole torque up to which a part may come out negative, where its own value is zero
+# share of the whole torque up to which a part may come out negative; it is then set to zero
 NOISE = 0.2
 
 
@@ -35,20 +37,20 @@ class TransmissionCoupling(Effect):
 
     name = "transmission_coupling"
     summary = "a joint is driven through another one"
-    looks = "torque of two neighbouring joints that follows the sum of their speeds and accelerations"
+    looks = "torque on two neighbouring joints that follows the sum of their speeds and accelerations"
     reference = "M. Gautier, A. Janot, P. O. Vandanjon (2013), doi:10.1109/TCST.2012.2185697"
     experiment = "each of the two joints moved alone, then both together"
     stage = Stage.FORCE
     driven = True
     parameters = (
-        Parameter("ratio", "1", "turns of the motor per turn of the joint before", zero=None, lower=-10.0, upper=10.0, grid=(1.0, -1.0)),
-        Parameter("inertia", "kg*m^2", "of the motor, at the driven joint", lower=0.0, grid=(0.1,)),
+        Parameter("ratio", "1", "motor turns per turn of the previous joint", zero=None, lower=-10.0, upper=10.0, grid=(1.0, -1.0)),
+        Parameter("inertia", "kg*m^2", "motor inertia, as seen at the driven joint", lower=0.0, grid=(0.1,)),
         Parameter("viscous", "N*m*s/rad", "torque per summed speed", lower=0.0, grid=(1.0,)),
         Parameter("coulomb", "N*m", "level of dry friction of the summed motion", lower=0.0, grid=(1.0,)),
     )  # fmt: skip
 
     def columns(self, views: Sequence[MotionView], joint: int | None) -> Iterator[CandidateColumns]:
-        """Linear in inertia, viscous and coulomb, for motors that turn either way; parts that come out weakly negative are absent."""
+        """Linear in inertia, viscous and coulomb, for motors that turn either way; slightly negative parts are set to zero."""
         if not joint:
             return
         own = views[0].own(self.name, joint)
@@ -63,7 +65,7 @@ class TransmissionCoupling(Effect):
             yield CandidateColumns(columns, partial(_combined, ratio=ratio, own=own, size=size))
 
     def plausible(self, p: Values, load: float, evidence: float) -> bool:
-        """The motor turns with both joints and has friction: where two axes are parallel, inertia alone is a link's, wrong in the model."""
+        """Whether the motor turns with both joints and has friction; with parallel axes, inertia alone is the error of a link."""
         rubs = p["coulomb"] + p["viscous"] * 1.0 > LEAST_FRICTION * p["inertia"]
         return rubs and LEAST_RATIO < abs(p["ratio"]) < 1 / LEAST_RATIO
 
@@ -80,7 +82,7 @@ class TransmissionCoupling(Effect):
         state.load[:, before] += p["ratio"] * torque
 
     def bound(self, box: TorqueBox, joints: np.ndarray, p: Known, unsure: np.ndarray) -> None:
-        """load += T, ratio T; the way in one direction of the summed motion is v^2 / (2 a) of its speed and largest acceleration."""
+        """load += T, ratio T; the summed motion has covered v^2 / (2 a) in one direction, from its speed and largest acceleration."""
         before, ratio = np.array([self.joint_before(int(j)) for j in joints], dtype=int), p["ratio"]
         speed = box.dq[:, joints] + ratio * box.dq[:, before]
         push = box.ddq[:, joints] + ratio * box.ddq[:, before]
@@ -101,14 +103,14 @@ class TransmissionCoupling(Effect):
 
 
 def _parts(path: PathState, joint: int, ratio: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(N,) each: acceleration, speed and slip of the summed motion; at a single instant the slip is the sign of the speed."""
+    """(N,) each: acceleration, speed and slip of the summed motion; for a single instant the slip is the sign of the speed."""
     q, speed, push = (x[:, joint] + ratio * x[:, joint - 1] for x in (path.q, path.dq, path.ddq))
     slip = slip_along(path.t, q, speed, np.full(len(q), SLIP_WIDTH), 0.0) if len(q) > 1 else np.sign(speed)
     return push, speed, slip
 
 
 def _combined(c: np.ndarray, ratio: float, own: Values | None, size: np.ndarray) -> dict[str, float]:
-    """Coefficients of the three parts -> parameters; size (3,) of their columns."""
+    """Coefficients of the three parts -> parameters; size (3,): norms of their columns."""
     names, whole = ("inertia", "viscous", "coulomb"), NOISE * float(np.linalg.norm(c * size))
     values = dict.fromkeys(names, 0.0) if own is None else own
     out = {"ratio": ratio}

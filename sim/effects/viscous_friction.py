@@ -15,9 +15,9 @@ class ViscousFriction(Effect):
 
     name = "viscous_friction"
     summary = "friction proportional to speed"
-    looks = "torque that grows in proportion to speed, odd in speed"
+    looks = "torque proportional to speed, odd in speed"
     reference = "B. Armstrong-Helouvry, P. Dupont, C. Canudas de Wit (1994), doi:10.1016/0005-1098(94)90209-7"
-    experiment = "constant-speed sweeps at five or more speeds over a range of 30"
+    experiment = "constant-speed sweeps at five or more speeds that span a factor of 30"
     stage = Stage.MOTOR
     parameters = (Parameter("viscous", "N*m*s/rad", "torque per speed", lower=0.0, grid=(1.0,)),)
 

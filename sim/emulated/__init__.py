@@ -23,31 +23,31 @@ EMULATORS: dict[str, str] = {
 class Emulator(Protocol):
     """A controller that runs in threads of its own between `start` and `stop`.
 
-    `faults` names what can be done to it; `inject` does one of them, at once and from any thread.
+    `faults` names the faults that `inject` can cause, at once and from any thread.
     """
 
     faults: tuple[str, ...]
 
     def start(self) -> None:
-        """Open the wire and begin; DeviceError where an address or port is taken."""
+        """Open the connection and begin; DeviceError if an address or port is taken."""
 
     def stop(self) -> None:
-        """Close the wire; safe to call more than once."""
+        """Close the connection; safe to call more than once."""
 
     def inject(self, fault: str) -> None:
-        """Make the named fault happen; ConfigError lists the known ones."""
+        """Cause the named fault; ConfigError lists the known ones."""
 
     def instructions(self) -> list[str]:
-        """What the operator does next, one sentence a line."""
+        """What the operator does next, one sentence per line."""
 
 
 def open_emulator(cell: Cell, arm: Arm) -> Emulator:
-    """The emulated controller for the driver of a cell, not yet started; ConfigError where that driver has none."""
+    """The emulated controller for the driver of a cell, not yet started; ConfigError if that driver has none."""
     kind = cell.table.driver
     if kind not in EMULATORS:
         raise ConfigError(
             f"{cell.path}: driver = {kind!r} has no emulated controller; {nearest(kind, EMULATORS)}; "
-            "an arm behind another driver is tried on the mock"
+            "try an arm with another driver on the mock"
         )
     emulator: Emulator = import_module(EMULATORS[kind]).emulator(cell, arm)
     return emulator

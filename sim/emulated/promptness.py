@@ -1,4 +1,4 @@
-"""An emulated device answers when a device would, whatever its computer is busy with: as near to that as the system allows."""
+"""Prompt answers of an emulated device on a busy computer, as close to those of a real device as the system allows."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ import gc
 import os
 import threading
 
-PRIORITY = 30  # of the real-time scheduler, where one may use it
+PRIORITY = 30  # of the real-time scheduler, if permitted
 
 
 def answer_promptly() -> None:
-    """For the calling thread: real-time priority where it is granted, and no collection of what was loaded before.
+    """Give the calling thread real-time priority, if granted, and exempt all existing objects from garbage collection.
 
-    A full collection over the libraries behind a plant takes 60 ms; a drive that is silent for so long has failed.
+    A full collection over the libraries behind a plant takes 60 ms; a drive that is silent for that long counts as failed.
     """
     gc.collect()
     gc.freeze()

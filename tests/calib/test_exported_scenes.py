@@ -46,7 +46,7 @@ def table_with(text: str, key: str, value: object) -> str:
         ("effects.0.joint", None, "a joint is needed"),
         ("effects", {}, "valid list"),
         ("joints", [], "at least 1 item"),
-        ("effects.0.parameters", {"coulomb": -5.0}, "it lies between"),
+        ("effects.0.parameters", {"coulomb": -5.0}, "must lie between"),
         ("effects.0.parameters", {"coulomb": "5"}, "valid number"),
     ],
 )

@@ -40,8 +40,8 @@ def test_a_body_that_arm_toml_lists_is_part_of_the_arm(item, tmp_path):
 @pytest.mark.parametrize(
     ("entry", "reason"),
     [
-        ('effect = "torque_ripple"\njoint = "elbow_joint"\nparameters = { amplitude = 1.0 }', "it has exactly"),
-        ('effect = "joint_elasticity"\njoint = "elbow_joint"\nparameters = { stiffness = -5.0 }', "it lies between 10 and"),
+        ('effect = "torque_ripple"\njoint = "elbow_joint"\nparameters = { amplitude = 1.0 }', "needs exactly"),
+        ('effect = "joint_elasticity"\njoint = "elbow_joint"\nparameters = { stiffness = -5.0 }', "must lie between 10 and"),
         ('effect = "torque_ripple"\nparameters = { amplitude = 1.0, cycles = 2.0, phase = 0.0 }', "a joint is needed"),
     ],
 )

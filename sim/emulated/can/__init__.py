@@ -1,4 +1,4 @@
-"""Emulated CAN servo arms: several drives' firmware on one bus, with an arm behind them, reached as a real adapter is reached."""
+"""Emulated CAN servo arms: firmware of several drives on one bus with an arm behind them, reached like a real adapter."""
 
 from __future__ import annotations
 
@@ -21,21 +21,21 @@ from sim.emulated.promptness import answer_promptly
 from sim.errors import ConfigError
 
 TICK = 0.001  # s, the longest wait for the host
-STALL = 0.01  # s that a turn of the emulator may take
-EARLY = 0.002  # s; answers leave this much before their time on the wire rather than late
+STALL = 0.01  # s that one cycle of the emulator may take
+EARLY = 0.002  # s by which answers leave before their time on the wire, so that none is late
 
 
 class BusClock:
-    """Time on an emulated bus: the wall clock's, but what this computer did not get done in time is time that did not pass.
+    """Time on an emulated bus: the wall clock without the stalls of this computer beyond STALL.
 
-    Without this a drive would take the emulator's own pause for the silence of its host, and switch itself off.
+    With the stalls, a drive would take the emulator's own pause for silence of its host and switch itself off.
     """
 
     def __init__(self, wall: Callable[[], float] = time.monotonic) -> None:
         self._wall, self._last, self._lost = wall, wall(), 0.0
 
     def now(self) -> float:
-        """Bus time, s; read once in every turn of the emulator."""
+        """Bus time, s; read once in every cycle of the emulator."""
         wall = self._wall()
         self._lost += max(0.0, wall - self._last - STALL)
         self._last = wall
@@ -69,17 +69,17 @@ class CanEmulator:
         self.port.close()
 
     def inject(self, fault: str) -> None:
-        """One of `faults`, from any thread."""
+        """Cause one of `faults`; callable from any thread."""
         with self._lock:
             self.bus.inject(fault)
 
     def instructions(self) -> list[str]:
-        """Where the bus is reached and what can go wrong on it."""
+        """Address of the bus, and the faults that can be caused on it."""
         return [
-            f"{len(self.bus.servos)} {' and '.join(sorted({s.protocol for s in self.bus.servos}))} drives at {self.where}; in a second terminal: calib check with the same cell",
+            f"{len(self.bus.servos)} {' and '.join(sorted({s.protocol for s in self.bus.servos}))} drives at {self.where}; next, in a second terminal: calib check with the same cell",
             "faults: " + ", ".join(f for f in self.faults if ":" not in f)
             + "; with a joint: " + ", ".join(sorted({f.partition(":")[0] for f in self.faults if ":" in f})),
-            "Ctrl-C ends it",
+            "Ctrl-C stops it",
         ]  # fmt: skip
 
     def _run(self) -> None:
@@ -108,7 +108,7 @@ class CanEmulator:
         try:
             return self.port.receive(TICK, state, stalled)
         except (OSError, can.CanError):
-            return self._wait()  # the host has gone away; it may come back
+            return self._wait()  # the host disconnected; it may return
 
     def _wait(self) -> list[can.Message]:
         time.sleep(TICK)
@@ -116,7 +116,7 @@ class CanEmulator:
 
 
 def emulator(cell: Cell, arm: Arm) -> CanEmulator:
-    """The emulated drives of a can_servo cell; ConfigError where its interface has no emulated adapter."""
+    """The emulated drives of a can_servo cell; ConfigError if its interface has no emulated adapter."""
     options = can_options(cell, arm)
     bus = build_bus(cell, arm, options, pose(cell.table.rest, arm, "rest", cell))
     port, where = _port(cell, options)
@@ -136,5 +136,5 @@ def _port(cell: Cell, options: CanOptions) -> tuple[Port, str]:
     if options.interface == "virtual":
         return VirtualPort(options.channel), f"virtual channel {options.channel}"
     raise ConfigError(
-        f"{cell.path}: interface {options.interface!r} has no emulated adapter; slcan, damiao, socketcand and virtual have"
+        f"{cell.path}: interface {options.interface!r} has no emulated adapter; use slcan, damiao, socketcand or virtual"
     )

@@ -1,4 +1,4 @@
-"""Damiao's serial USB adapter behind a pseudo-terminal: 30 bytes in, 16 bytes out; sources stand in docs/first-day-can.md."""
+"""Damiao's serial USB adapter behind a pseudo-terminal: 30 bytes in, 16 bytes out; sources in docs/first-day-can.md."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from sim.emulated.can.terminal import TerminalPort
 
 
 class BoxPort(TerminalPort):
-    """Takes frames to send, passes over the bit rate; reports each frame that it receives, and with 12 each that it has sent."""
+    """Takes frames to send and ignores the bit rate; reports each received frame with code 11 and each sent one with code 12."""
 
     def parse(self, data: bytes, state: str) -> tuple[list[can.Message], bytes]:
         frames: list[can.Message] = []

@@ -1,4 +1,4 @@
-"""One emulated CAN bus: drives, the time frames take on the wire, and everything that can go wrong on it."""
+"""One emulated CAN bus: its drives, the time that frames take on the wire, and its faults."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ from sim.plant import Plant
 from sim.resources import nearest
 
 NOISE_PERIOD = 0.0005  # s between two frames of a disturbance
-LATE = 0.006  # s that a busy computer gets its frames later
-BABBLE = 0x123  # identifier of the node that does not stop talking
+LATE = 0.006  # s by which a busy computer receives its frames late
+BABBLE = 0x123  # identifier of the babbling node
 JOINT_FAULTS = ("silent", "over-temperature", "frozen", "restarted", "twin", "short-frames")
 BUS_FAULTS = (
     "bus-off", "error-passive", "error-frames", "tx-full", "unplugged", "babble", "second-host", "swapped", "lost-frames", "late",
@@ -29,10 +29,11 @@ BUS_FAULTS = (
 
 
 class EmulatedBus:
-    """Frames in, frames out: `send` takes a frame of the host, `poll` gives what the host receives up to an instant.
+    """`send` takes a frame from the host; `poll` returns the frames that the host has received up to an instant.
 
-    Frames take their bits' time on the wire, one after another, so answers come late when the bus is full. `state` is what
-    the host's controller knows of itself: "active", "passive" or "off". Without a data_bitrate that controller knows classical CAN only.
+    Frames occupy the wire for the time of their bits, one after another, so answers come late when the bus is full. `state` is
+    that of the host's controller: "active", "passive" or "off". Without a data_bitrate, that controller supports only classical
+    CAN.
     """
 
     def __init__(
@@ -56,7 +57,7 @@ class EmulatedBus:
         self._next_noise = -np.inf
 
     def inject(self, fault: str) -> None:
-        """Make one fault of `faults` happen; `restore` ends those of the bus, and the silence of joints."""
+        """Cause one of `faults`; `restore` ends them, but drives stay swapped and, once switched off, stay off."""
         if fault not in self.faults:
             raise ConfigError(f"there is no fault {fault!r}; {nearest(fault, self.faults)}")
         kind, _, joint = fault.partition(":")
@@ -76,7 +77,7 @@ class EmulatedBus:
             self.state = {"bus-off": "off", "error-passive": "passive"}.get(fault, self.state)
 
     def send(self, message: can.Message, now: float) -> bool:
-        """Put a frame of the host on the wire at an instant; False where the controller refuses it."""
+        """Put a frame of the host on the wire at time `now`; return False if the controller refuses it."""
         if self.active & {"bus-off", "tx-full", "unplugged"}:
             return False
         arrival = self._occupy(message, now)
@@ -90,18 +91,18 @@ class EmulatedBus:
         return True
 
     def poll(self, now: float) -> list[can.Message]:
-        """The frames that have reached the host by `now`, in order."""
+        """Frames that have reached the host by `now`, in order."""
         self.advance(now)
         ready = [m for t, m in self._out if t <= now]
         self._out = [(t, m) for t, m in self._out if t > now]
         return ready
 
     def next_frame(self) -> float:
-        """The instant at which the next waiting frame reaches the host; infinity where none waits."""
+        """Time at which the next pending frame reaches the host; infinity if none is pending."""
         return min((t for t, _ in self._out), default=np.inf)
 
     def advance(self, now: float) -> None:
-        """Let the arm move, the watchdogs run and the unasked frames leave until `now`."""
+        """Advance the arm, the watchdogs and the unsolicited frames to `now`."""
         self.body.advance(now)
         for servo in self.servos:
             servo.tick(now)
@@ -169,7 +170,7 @@ class EmulatedBus:
 
 
 def build_bus(cell: Cell, arm: Arm, options: CanOptions, rest: list[float]) -> EmulatedBus:
-    """The bus that a cell describes: one drive for each servo, the arm with the cell's hidden effects behind them."""
+    """The bus of a cell: one drive per servo, and behind them the arm with the cell's hidden effects."""
     body = Body(Plant(with_hidden_effects(arm, cell), drive=arm, seed=cell.table.emulation.seed), np.array(rest))
     servos = [_servo(options, body, j) for j in range(arm.n)]
     return EmulatedBus(servos, body, arm.joint_names, options.bitrate, cell.table.emulation.seed, options.data_bitrate)

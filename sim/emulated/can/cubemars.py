@@ -1,4 +1,4 @@
-"""An emulated CubeMars AK drive in MIT mode: no registers, no clear order, ranges known to nobody but the manual."""
+"""Emulated CubeMars AK drive in MIT mode: no registers, no command to clear errors, ranges stated only in the manual."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ OVER_TEMPERATURE = 1
 
 
 class CubeMars(Servo):
-    """Answers every frame that carries its identifier; leaves MIT mode when its commands stop coming.
+    """Answers every frame that carries its identifier; leaves MIT mode when commands stop.
 
-    The silence timeout of a real drive is set with its maker's tool and is assumed here to end MIT mode without an error code.
+    The silence timeout of a real drive is set with the manufacturer's tool; here it is assumed to end MIT mode without an error code.
     """
 
     protocol = "cubemars"

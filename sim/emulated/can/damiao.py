@@ -1,4 +1,4 @@
-"""An emulated Damiao drive in MIT mode; layouts, states and registers after configs/can/damiao.dbc and the sources named there."""
+"""Emulated Damiao drive in MIT mode; layouts, states and registers from configs/can/damiao.dbc and the sources named there."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ TICK = 50e-6  # s, the unit of register 9
 
 
 def model_for(tau_max: float) -> str:
-    """The smallest model whose torque range holds tau_max, N m."""
+    """The smallest model whose torque range covers tau_max, N m; J8009 if none does."""
     return next((name for name, (_, _, tau, _) in MODELS.items() if tau >= tau_max), "J8009")
 
 
 class Damiao(Servo):
-    """Answers each command once with its state; registers on identifier 7FF; errors stay until cleared.
+    """Answers each command once with its state; registers on identifier 7FF; errors persist until cleared.
 
-    `answers_refresh` False is a firmware that knows no order CC, `answers_registers` False one that knows no registers; one that is not
-    in `registers` is not answered.
+    answers_refresh = False is a firmware without order CC, answers_registers = False one without registers. A request for a
+    register that is not in `registers` gets no answer.
     """
 
     protocol = "damiao"

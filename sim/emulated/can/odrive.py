@@ -1,4 +1,4 @@
-"""An emulated ODrive axis on CANSimple, after configs/can/odrive.dbc: revolutions, its own position loop, cyclic messages."""
+"""Emulated ODrive axis on CANSimple, from configs/can/odrive.dbc: revolutions, its own position loop, cyclic messages."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from sim.emulated.can.servo import Body, Servo, standard
 IDLE, CLOSED_LOOP = 1, 8
 WATCHDOG_EXPIRED, MOTOR_OVER_TEMPERATURE = 1 << 24, 1 << 13
 HEARTBEAT = 0.1  # s
-WATCHDOG_ENDPOINT = 401  # belongs to one firmware; the emulated one has it here
+WATCHDOG_ENDPOINT = 401  # depends on the firmware version; the emulated one has it here
 TURN = 2 * math.pi
 
 
 class ODrive(Servo):
-    """Position loop kp = vel_gain pos_gain, kd = vel_gain; estimates and torques every `period` s, heartbeat every 0.1 s."""
+    """Position loop kp = vel_gain pos_gain, kd = vel_gain; estimates, torques and temperatures every `period` s, heartbeat every 0.1 s."""
 
     protocol = "odrive"
 

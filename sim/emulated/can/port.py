@@ -1,4 +1,4 @@
-"""How an emulated bus is reached from outside: one class a transport, all behind these five methods."""
+"""Access to an emulated bus from outside: one class per transport, all with the methods of Port."""
 
 from __future__ import annotations
 
@@ -8,23 +8,23 @@ import can
 
 
 class Port(ABC):
-    """The adapter between an emulated bus and its host; one thread calls it."""
+    """The adapter between an emulated bus and its host; used by one thread at a time."""
 
     @abstractmethod
     def open(self) -> None:
-        """Be reachable; DeviceError where the address is taken."""
+        """Become reachable; DeviceError if the address is taken."""
 
     @abstractmethod
     def receive(self, timeout: float, state: str, stalled: bool) -> list[can.Message]:
-        """Frames that the host wants sent, waiting at most `timeout` s; `stalled` means that nothing is taken from the host."""
+        """Frames from the host, waiting at most `timeout` s; if `stalled`, nothing is taken from the host."""
 
     @abstractmethod
     def acknowledge(self, message: can.Message, accepted: bool) -> None:
-        """Tell the host what became of its frame, where the transport does that."""
+        """Report to the host whether its frame was accepted, if the transport does so."""
 
     @abstractmethod
     def deliver(self, messages: list[can.Message]) -> None:
-        """Frames for the host."""
+        """Send frames to the host."""
 
     @abstractmethod
     def unplug(self) -> None:
@@ -32,4 +32,4 @@ class Port(ABC):
 
     @abstractmethod
     def close(self) -> None:
-        """Be gone; safe to call more than once."""
+        """Close the adapter; safe to call more than once."""

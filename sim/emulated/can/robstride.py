@@ -1,4 +1,4 @@
-"""An emulated RobStride drive on its private protocol, after configs/can/robstride.dbc and the RS03 manual."""
+"""Emulated RobStride drive on its private protocol, from configs/can/robstride.dbc and the RS03 manual."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ TIMEOUT_TICK = 1 / 20000  # s, the unit of parameter 0x7028
 class RobStride(Servo):
     """Answers each command with its state; silence puts it into reset mode without a fault bit.
 
-    That parameter 0x7028 can be read back is assumed: the manual marks it writable and does not say more.
+    It is assumed that parameter 0x7028 can be read back: the manual marks it as writable and states no more.
     """
 
     protocol = "robstride"

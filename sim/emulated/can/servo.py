@@ -17,19 +17,20 @@ from sim.plant import Plant
 from sim.resources import shipped_configs
 
 STEP = 0.001  # s between two evaluations of the drives' law
-STAND_REACH, STAND_STIFFNESS, STAND_DAMPING = 0.15, 300.0, 3.0  # the rest that carries an arm while its drives are off
+# rad, N m/rad, N m s/rad: the stand that carries an arm while its drives are off
+STAND_REACH, STAND_STIFFNESS, STAND_DAMPING = 0.15, 300.0, 3.0
 
 
 @cache
 def dbc(protocol: str) -> Database:
-    """The frame layouts of a protocol, as any CAN tool reads them."""
+    """Frame layouts of a protocol, from its DBC file."""
     loaded = cantools.database.load_file(shipped_configs() / "can" / f"{protocol}.dbc", strict=True)
     assert isinstance(loaded, Database)
     return loaded
 
 
 class Body:
-    """The arm behind the drives: a plant that all of them turn, and a rest that carries switched-off joints near `rest`."""
+    """The arm behind the drives: a plant that all of them move, and a stand that carries switched-off joints near `rest`."""
 
     def __init__(self, plant: Plant, rest: np.ndarray) -> None:
         n = plant.arm.n
@@ -42,7 +43,7 @@ class Body:
         plant.reset(self.rest)
 
     def advance(self, now: float) -> None:
-        """Turn the drives' law until the instant `now`; a stall of the computer over 0.1 s is time that did not pass."""
+        """Evaluate the drives' law up to time `now`; a stall of the computer above 0.1 s does not count as time."""
         if self._origin is None or now - self._origin - self.plant.time > 0.1:
             self._origin = now - self.plant.time
         while self._origin + self.plant.time + STEP <= now + 1e-9:
@@ -57,7 +58,7 @@ class Body:
             self._state = None
 
     def reading(self, joint: int) -> tuple[float, float, float, float]:
-        """Angle rad, speed rad/s, torque N m, temperature degC of a joint, all joints read at one instant."""
+        """Angle rad, speed rad/s, torque N m, temperature degC of a joint; all joints are read at the same instant."""
         if self._state is None:
             self._state = self.plant.read()
         s = self._state
@@ -66,10 +67,11 @@ class Body:
 
 
 class Servo(ABC):
-    """A drive on the bus: `receive` answers a frame that is for it, `spontaneous` is what it sends unasked.
+    """A drive on the bus: `receive` answers a frame addressed to it, `spontaneous` returns what it sends unsolicited.
 
-    watchdog s is the silence after which it switches off, 0 for never. `deaf` is a drive whose cable is off. An `fd` drive takes classical
-    frames too and answers with CAN FD frames; the others pass over CAN FD frames (a controller that does not know them would destroy them).
+    watchdog: silence, s, after which it switches off, 0 for never. deaf: its cable is unplugged. An `fd` drive also takes
+    classical frames, and answers with CAN FD frames. The others ignore CAN FD frames; a real classical controller would destroy
+    them.
     """
 
     protocol: str
@@ -87,11 +89,11 @@ class Servo(ABC):
         self._frame_at = -math.inf
 
     def decoded(self, name: str, data: bytes, scaling: bool = True) -> dict[str, Any]:
-        """The fields of a frame by its layout; integers where scaling is off."""
+        """Fields of a frame, decoded by its layout; integers if scaling is off."""
         return dict(dbc(self.protocol).decode_message(name, data, decode_choices=False, scaling=scaling))  # type: ignore[arg-type]
 
     def packed(self, name: str, fields: dict[str, Any], scaling: bool = True) -> bytes:
-        """A frame from its fields by its layout."""
+        """Data of a frame, encoded from its fields by its layout."""
         return bytes(dbc(self.protocol).encode_message(name, fields, scaling=scaling))
 
     def command(self, q: float, dq: float, kp: float, kd: float, tau: float) -> None:
@@ -106,21 +108,21 @@ class Servo(ABC):
         return self.frozen or now
 
     def switch(self, on: bool) -> None:
-        """Power the motor, with a law of zero stiffness, or cut it."""
+        """Switch the motor on, with zero stiffness, or off."""
         self.on = on
         self.command(0.0, 0.0, 0.0, 0.0, 0.0)
         self.body.live[self.joint] = on
 
     def swap_serial(self, other: Servo) -> None:
-        """What happens when two drives are plugged in at each other's place with each other's identifier."""
+        """Exchange serial numbers, as when two drives swap places and identifiers."""
         self.serial, other.serial = other.serial, self.serial
 
     def feed_watchdog(self, now: float) -> None:
-        """A frame for this drive arrived: the silence is over."""
+        """Reset the watchdog: a frame for this drive has arrived."""
         self._frame_at = now
 
     def tick(self, now: float) -> None:
-        """Look at the watchdog and the temperature."""
+        """Check the watchdog and the temperature."""
         if self.on and self.watchdog > 0 and now - self._frame_at > self.watchdog:
             self.silence()
         if self.reading()[3] > self.temperature_max:
@@ -128,7 +130,7 @@ class Servo(ABC):
 
     @abstractmethod
     def silence(self) -> None:
-        """What this drive does when its commands stop coming."""
+        """What this drive does when commands stop."""
 
     @abstractmethod
     def overheat(self) -> None:
@@ -136,15 +138,15 @@ class Servo(ABC):
 
     @abstractmethod
     def receive(self, message: can.Message, now: float) -> list[can.Message]:
-        """The answers to a frame, none where it is for somebody else."""
+        """Answers to a frame; none if it is for another drive."""
 
     def spontaneous(self, now: float) -> list[can.Message]:
-        """Frames that the drive sends without a request."""
+        """Frames that the drive sends unsolicited."""
         return []
 
 
 def ranged(raw: int, span: float, bits: int) -> float:
-    """Physical value of an integer that spans -span to span."""
+    """Physical value of a `bits`-bit integer that encodes -span to span."""
     return -span + raw * (2 * span) / ((1 << bits) - 1)
 
 

@@ -1,6 +1,7 @@
-"""A serial CAN adapter behind a pseudo-terminal: the bytes of the Lawicel protocol, as CANable and CANUSB speak it.
+"""A serial CAN adapter behind a pseudo-terminal: the bytes of the Lawicel protocol, as spoken by CANable and CANUSB.
 
-CAN FD as CANable 2 does: Y sets the data bit rate, frames are d, D, b and B with a hexadecimal length code (python-can's slcan documentation).
+CAN FD as on CANable 2: Y sets the data bit rate, frames are d, D, b and B with a hexadecimal length code (python-can's slcan
+documentation).
 
 Status bits of F: can232 manual, LAWICEL AB: 0 receive queue full, 1 transmit queue full, 2 error warning, 3 data overrun,
 5 error passive, 6 arbitration lost, 7 bus error. Bus-off is not among them: 2, 5 and 7 together stand for it here.
@@ -40,7 +41,7 @@ class SlcanPort(TerminalPort):
             if m.is_error_frame:
                 continue
             if m.is_fd and not self._fd:
-                continue  # a controller that only knows classical CAN sees an error, which this protocol does not report
+                continue  # a controller with classical CAN only sees an error, which this protocol does not report
             wide, narrow = ("Bb" if m.bitrate_switch else "Dd") if m.is_fd else "Tt"
             head = f"{wide}{m.arbitration_id:08X}" if m.is_extended_id else f"{narrow}{m.arbitration_id:03X}"
             self.write(f"{head}{len2dlc(m.dlc):X}{m.data.hex().upper()}\r".encode())

@@ -1,6 +1,6 @@
 """A socketcand server on TCP, raw mode: `< send ... >` in, `< frame ... >` and `< error ... >` out.
 
-Protocol: linux-can/socketcand, as python-can's client speaks it.
+Protocol: linux-can/socketcand, as spoken by python-can's client.
 """
 
 from __future__ import annotations
@@ -16,16 +16,16 @@ from sim.emulated.can.port import Port
 from sim.errors import DeviceError
 
 SEND = re.compile(rb"< send ([0-9A-Fa-f]{3}|[0-9A-Fa-f]{8}) ([0-8])((?: [0-9A-Fa-f]{1,2})*) >")
-PATIENCE = 0.2  # s: a client that takes nothing for so long is let go, so that it does not hold up the bus
+PATIENCE = 0.2  # s after which a client that takes nothing is dropped, so that it does not block the bus
 
 
 class SocketcandPort(Port):
-    """Any number of clients on host:port; each receives from the drives and what the other clients send, as on a bus."""
+    """Any number of clients on host:port; each receives the frames of the drives and of the other clients, as on a bus."""
 
     def __init__(self, host: str, port: int) -> None:
         self.address = (host, port)
         self._server: socket.socket | None = None
-        self._clients: dict[socket.socket, bytes] = {}  # what of its next request has come already
+        self._clients: dict[socket.socket, bytes] = {}  # client -> received part of its next request
 
     def open(self) -> None:
         self._server = socket.socket()
@@ -34,7 +34,7 @@ class SocketcandPort(Port):
             self._server.bind(self.address)
         except OSError as error:
             raise DeviceError(
-                f"{self.address[0]}:{self.address[1]} cannot be opened ({error}); end the other program there"
+                f"{self.address[0]}:{self.address[1]} cannot be opened ({error}); stop the program that uses it"
             ) from error
         self._server.listen()
         self.address = self._server.getsockname()
@@ -53,7 +53,7 @@ class SocketcandPort(Port):
         return frames
 
     def acknowledge(self, message: can.Message, accepted: bool) -> None:
-        """The protocol has no answer to a frame."""
+        """Nothing: the protocol does not acknowledge frames."""
 
     def deliver(self, messages: list[can.Message]) -> None:
         for message in messages:

@@ -1,4 +1,4 @@
-"""A python-can bus in this process on a simulated clock: an emulated bus as fast as the computer, and exactly repeatable."""
+"""A python-can bus in this process on a simulated clock: an emulated bus at the speed of the computer, exactly repeatable."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from can.bus import BusState
 from sim.clock import SimulatedClock
 from sim.emulated.can.bus import EmulatedBus
 
-STEP = 0.0005  # s; unasked frames and watchdogs are looked at this often
+STEP = 0.0005  # s between checks for unsolicited frames and watchdogs
 
 
 class SteppedBus(can.BusABC):
-    """Waiting for a frame moves the clock; nothing else does. Raises what a kernel's CAN socket raises."""
+    """Only waiting for a frame advances the clock. Raises what a kernel's CAN socket raises."""
 
     def __init__(self, emulated: EmulatedBus, clock: SimulatedClock, **arguments: Any) -> None:
         super().__init__(channel="stepped", **arguments)
         self.emulated, self.clock = emulated, clock
         self._queue: deque[can.Message] = deque()
-        emulated.poll(clock.now())  # what was on the wire before this controller listened
+        emulated.poll(clock.now())  # discards what was on the wire before this controller listened
         self.channel_info = "emulated bus on a simulated clock"
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:

@@ -1,4 +1,4 @@
-"""A serial adapter behind a pseudo-terminal: opening, reading and losing it, whatever bytes it speaks."""
+"""A serial adapter behind a pseudo-terminal: opening, reading and unplugging it, for any byte protocol."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from sim.errors import DeviceError
 
 
 class TerminalPort(Port):
-    """A link at `path` leads to the terminal's other end."""
+    """A serial adapter; a symbolic link at `path` leads to the terminal's other end."""
 
     def __init__(self, path: str) -> None:
         self.path = Path(path)
@@ -26,7 +26,7 @@ class TerminalPort(Port):
 
     @abstractmethod
     def parse(self, data: bytes, state: str) -> tuple[list[can.Message], bytes]:
-        """Frames to send among the bytes of the host, and the bytes that are not whole yet."""
+        """Frames to send in the host's bytes, and the remaining bytes of an incomplete one."""
 
     def open(self) -> None:
         if self.path.is_symlink():
@@ -63,7 +63,7 @@ class TerminalPort(Port):
         self.unplug()
 
     def write(self, data: bytes) -> None:
-        """Bytes for the host; what it does not read in time is lost."""
+        """Write bytes for the host; what it does not read in time is lost."""
         if self._master is not None:
             with contextlib.suppress(BlockingIOError):
                 os.write(self._master, data)

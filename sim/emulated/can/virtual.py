@@ -27,7 +27,7 @@ class VirtualPort(Port):
         return frames
 
     def acknowledge(self, message: can.Message, accepted: bool) -> None:
-        """The virtual bus has no answer to a frame."""
+        """Nothing: the virtual bus does not acknowledge frames."""
 
     def deliver(self, messages: list[can.Message]) -> None:
         if self._bus is not None:

@@ -23,8 +23,9 @@ JOINTS = 6
 class UrEmulation(StrictTable):
     """[emulation.options] of a UR cell.
 
-    polyscope, the version that the controller says it has; remote, whether it starts so; arm, what really stands there where it is not
-    the cell's, and model, what it then answers; calibration, a seed of the kinematic calibration that the controller holds.
+    polyscope: version that the controller reports. remote: whether it starts in remote control. arm: the arm that is really
+    there, if it is not the cell's. model: model name that the controller reports, by default from the arm's name. calibration:
+    seed of the kinematic calibration that the controller holds.
     """
 
     polyscope: str = "5.25.1"
@@ -48,9 +49,9 @@ class UrEmulation(StrictTable):
 
 
 def emulator(cell: Cell, arm: Arm) -> UrEmulator:
-    """The controller of a cell at [options] host, standing at the cell's home; its plant has the cell's hidden effects."""
+    """The controller of a cell at [options] host, its arm at the cell's home, its plant with the cell's hidden effects."""
     if arm.n != JOINTS:
-        raise ConfigError(f"{cell.path}: arm {arm.name} has {arm.n} joints, a UR controller drives {JOINTS}")
+        raise ConfigError(f"{cell.path}: arm {arm.name} has {arm.n} joints; a UR controller drives {JOINTS}")
     settings = validated(UrEmulation, cell.table.emulation.options, cell.path)
     arm = arm if settings.arm is None else load_arm(settings.arm)
     plant = Plant(with_hidden_effects(arm, cell), drive=arm, seed=cell.table.emulation.seed, obstacles=cell.table.obstacles)
@@ -67,6 +68,6 @@ def emulator(cell: Cell, arm: Arm) -> UrEmulator:
     )
     robot.remote = settings.remote
     robot.held = held(arm, settings.calibration)
-    # port 80 is not everybody's: the Robot API is on where the cell gives it a port, as on a robot where its service is enabled
+    # port 80 needs privileges: the Robot API is on if the cell gives it a port, as on a robot where its service is enabled
     port = cell.table.options.get("robot_api_port")
     return UrEmulator(robot, str(cell.table.options.get("host", "")), port if isinstance(port, int) else None)

@@ -1,4 +1,4 @@
-"""A captured controller, played back on loopback: it answers what was requested then as it answered then, and sends its frames at their pace."""
+"""Playback of a captured controller on loopback: captured answers to captured requests, and frames at their captured pace."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ BASE = b"/universal-robots/robot-api"
 
 
 class CapturedUr:
-    """Serves the file of `calib capture` at a loopback address between `start` and `stop`; takes no commands and no programs."""
+    """Serves the file of `calib capture` at a loopback address between `start` and `stop`; accepts no commands and no programs."""
 
     def __init__(self, path: Path, host: str, robot_api_port: int = 8080) -> None:
         self.head, self.messages = read_capture(path)
@@ -68,18 +68,18 @@ class CapturedUr:
             try:
                 serve(client)
             except OSError:
-                return  # the client left
+                return  # the client disconnected
 
     def _of(self, channel: str) -> list[Message]:
         return [m for m in self.messages if m.channel == channel]
 
     def _answers(self, channel: str) -> dict[bytes, bytes]:
-        """Question -> answer, for channels that speak in turns."""
+        """Request -> answer, for channels on which the two alternate."""
         own = [m for m in self._of(channel) if not (m.from_device and channel == "rtde" and m.data[2:3] == bytes([DATA]))]
         return {q.data: a.data for q, a in itertools.pairwise(own) if not q.from_device and a.from_device}
 
     def _received(self, client: socket.socket, whole: Callable[[bytes], int | None]) -> bytes | None:
-        """One message, as long as `whole` says; None where the client or the captured controller is gone."""
+        """One message of the length that `whole` returns; None if the client disconnected or playback ended."""
         data = b""
         while not self._ending.is_set():
             length = whole(data)

@@ -13,7 +13,7 @@ UNREAD_MAX = 1 << 20  # bytes that a client may leave unread before the controll
 
 @dataclass
 class Client:
-    """A connection to one port of the controller, with what is not taken or not complete yet."""
+    """A connection to one port of the controller, with unsent bytes and incomplete requests."""
 
     socket: socket.socket
     port: int
@@ -23,7 +23,7 @@ class Client:
     unsent: bytes = b""
 
     def send(self, data: bytes) -> bool:
-        """As much as the connection takes now; False where it is broken, or leaves too much unread."""
+        """Send as much as the connection takes now; return False if it is broken or the client leaves too much unread."""
         self.unsent += data
         try:
             self.unsent = self.unsent[self.socket.send(self.unsent) :]

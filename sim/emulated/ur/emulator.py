@@ -1,4 +1,4 @@
-"""Sockets and time of the emulated controller: one thread that serves four ports and steps the robot at its rate."""
+"""Sockets and time of the emulated controller: one thread that serves its ports and steps the robot at its rate."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ from sim.resources import nearest
 
 RTDE, DASHBOARD, SCRIPT, SECONDARY = 30004, 29999, 30003, 30002
 PRIMARY, PRIMARY_READ_ONLY = 30001, 30011
-BEHIND_MAX = 0.5  # s of lost time that is made up for; beyond it the controller's clock stands still
+BEHIND_MAX = 0.5  # s of lost time that is made up for; if more is lost, it does not count
 
 
 class UrEmulator:
     """The controller at one loopback address.
 
-    `robot` may be read from any thread, and changed through `do`. Time is the wall clock: the robot is stepped once for every
-    period that has passed, and periods missed on a busy computer are made up for.
+    `robot` may be read from any thread, and changed through `do`. Time is the wall clock: the robot is stepped once per elapsed
+    period, and periods missed on a busy computer are made up for, up to BEHIND_MAX.
     """
 
     faults = (
@@ -41,9 +41,7 @@ class UrEmulator:
 
     def __init__(self, robot: Robot, host: str, robot_api_port: int | None = None) -> None:
         if not host.startswith("127."):
-            raise ConfigError(
-                f"host = {host!r}: an emulated controller stands on a loopback address, 127.x.y.z; change the cell"
-            )
+            raise ConfigError(f"host = {host!r}: an emulated controller needs a loopback address, 127.x.y.z; change the cell")
         self.robot, self.host = robot, host
         # PolyScope X has no dashboard server
         own = () if robot.version[0] >= 10 else (DASHBOARD,)
@@ -53,7 +51,7 @@ class UrEmulator:
         self._todo: deque[Callable[[], None]] = deque()
         self._listeners: dict[socket.socket, int] = {}
         self._clients: dict[socket.socket, Client] = {}
-        self._selector = selectors.SelectSelector()  # microseconds; epoll counts whole milliseconds
+        self._selector = selectors.SelectSelector()  # resolves microseconds; epoll only milliseconds
         robot.host = host
         self._ending = threading.Event()
         self._thread = threading.Thread(target=self._serve, name=f"emulated UR {host}", daemon=True)
@@ -82,7 +80,7 @@ class UrEmulator:
         self._ending.set()
         if self._thread.is_alive():
             self._thread.join()
-        self.robot.stop_program()  # with the sockets that it opened itself
+        self.robot.stop_program()  # also closes the sockets that the program opened
         self._close_all()
 
     def do(self, action: Callable[[], None]) -> None:
@@ -96,7 +94,7 @@ class UrEmulator:
         self.do(known.get(fault) or (lambda: self._on_lines(fault)))
 
     def mend(self) -> None:
-        """End the faults of the line and plug the cable in again."""
+        """End the faults of the data lines and plug the cable back in."""
 
         def action() -> None:
             self.robot.unplugged = False
@@ -110,7 +108,7 @@ class UrEmulator:
         return [
             f"emulated {robot.model}, PolyScope {version}, {robot.rate:.0f} Hz, at {self.host}: ports "
             + ", ".join(str(p) for p in self.ports),
-            "It is on, brakes released, in remote control, without a program. Nobody stands in its cell.",
+            "It is on, brakes released, in remote control, without a program. Nobody is in its cell.",
             "Next, in another terminal: calib check, then calib plan, calib record. Ctrl-C here ends it.",
         ]
 

@@ -1,4 +1,4 @@
-"""What goes wrong at the robot: faults by name, as the operator, a client or the fieldbus would cause them."""
+"""Faults of the robot by name, as an operator, a client or a fieldbus would cause them."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from sim.emulated.ur.robot import Robot
 
 
 def robot_faults(robot: Robot) -> dict[str, Callable[[], None]]:
-    """Fault -> what makes it."""
+    """Fault -> function that causes it."""
     return {
         "protective_stop": robot.protective_stop,
         "emergency_stop": robot.emergency_stop,

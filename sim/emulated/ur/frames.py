@@ -30,17 +30,17 @@ def frame(kind: int, payload: bytes) -> bytes:
 
 
 class Malformed(Exception):
-    """Bytes that are no RTDE frame; a controller closes the connection."""
+    """Bytes that are not an RTDE frame; a controller closes the connection."""
 
 
 class FrameReader:
-    """Cuts a byte stream into frames."""
+    """Splits a byte stream into frames."""
 
     def __init__(self) -> None:
         self._bytes = bytearray()
 
     def feed(self, data: bytes) -> list[tuple[int, bytes]]:
-        """The frames that are complete now, as (kind, payload)."""
+        """The frames that `data` completes, as (kind, payload)."""
         self._bytes += data
         found = []
         while len(self._bytes) >= 3:

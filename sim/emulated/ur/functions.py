@@ -1,4 +1,4 @@
-"""What a program on the emulated controller may call: motion, time, and sockets to other computers."""
+"""Functions that a program on the emulated controller may call: motion, time, and sockets to other computers."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ import numpy as np
 
 from sim.emulated.ur.urscript import Call
 
-CONNECT_TIMEOUT = 1.0  # s; on one computer it takes none of it
+CONNECT_TIMEOUT = 1.0  # s; on the same computer, a connection is immediate
 WAIT = Generator[None, None, Any]
 
 
 class Functions:
-    """URScript functions of one running program; `close` when it has ended, however it ended."""
+    """URScript functions of one running program; call `close` when it has ended, for whatever reason."""
 
     def __init__(self, robot: Any) -> None:
         self._robot = robot
@@ -26,7 +26,7 @@ class Functions:
         self._bytes: dict[str, bytes] = {}
 
     def table(self) -> dict[str, Call]:
-        """By the names that programs call them."""
+        """The functions by their URScript names."""
         return {
             "textmsg": self._textmsg, "sync": self._sync, "sleep": self._sleep, "servoj": self._servoj, "stopj": self._stopj,
             "socket_open": self._open, "socket_close": self._close, "socket_read_binary_integer": self._read_integers,
@@ -80,7 +80,7 @@ class Functions:
         yield
 
     def _read_integers(self, number: int, name: str, timeout: float) -> WAIT:
-        """[number, ...] or, where so many have not come within timeout, [0, NaN, ...]; at once where the connection is gone."""
+        """[number, ...], or [0, NaN, ...] if fewer arrive within `timeout` s; at once if the connection is gone."""
         end = self._robot.time + timeout
         size = 4 * number
         while True:

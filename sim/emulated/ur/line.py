@@ -1,17 +1,17 @@
-"""What can happen to data frames between controller and client: lost, late, twice, frozen, in the wrong order, none at all."""
+"""Faults of data frames between controller and client: lost, late, duplicated, frozen or reordered."""
 
 from __future__ import annotations
 
 from collections import deque
 
 FAULTS = ("gap", "drop", "delay", "duplicate", "freeze", "reorder")
-GAP = 8  # frames that `gap` loses: a motion endures them
-DROPPED = 50  # frames that `drop` loses: it does not
-DELAY = 0.25  # s that `delay` holds every later frame back
+GAP = 8  # frames that `gap` loses; a motion tolerates this loss
+DROPPED = 50  # frames that `drop` loses; a motion does not tolerate it
+DELAY = 0.25  # s by which `delay` holds back every later frame
 
 
 class Line:
-    """One connection's data frames; `fault` switches one of FAULTS on, for this and all later frames unless it says otherwise."""
+    """Data frames of one connection; `fault` switches on one of FAULTS for all later frames. `gap` and `drop` end by themselves."""
 
     def __init__(self) -> None:
         self._fault: str | None = None
@@ -21,12 +21,12 @@ class Line:
         self._late: deque[tuple[float, bytes]] = deque()
 
     def fault(self, name: str | None) -> None:
-        """Switch to a fault; None is a line without faults."""
+        """Switch to a fault; None ends the present one."""
         self._fault, self._frozen, self._held = name, None, None
         self._drop = {"gap": GAP, "drop": DROPPED}.get(name or "", 0)
 
     def carry(self, frame: bytes | None, now: float) -> bytes:
-        """The bytes that leave now, where `frame` (or none) comes in; called in every cycle."""
+        """The bytes that leave now, with `frame` (or None) coming in; called in every cycle."""
         if self._fault == "delay":
             if frame is not None:
                 self._late.append((now + DELAY, frame))

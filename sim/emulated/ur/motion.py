@@ -1,4 +1,4 @@
-"""What the controller wants of the joints in each cycle: held, servoed, moved, driven at a speed, or stopped."""
+"""Target of the joints in each cycle: held, servoed, moved, driven at a speed, or stopped."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ class Motion:
 
     @property
     def standing(self) -> bool:
-        """Whether every joint rests."""
+        """Whether every joint is at rest."""
         return bool(np.all(np.abs(self.dq) < STANDSTILL))
 
     def servo(self, q_cmd: np.ndarray, lookahead: float, gain: float) -> None:
         """Follow q_cmd like a critically damped filter with delay = lookahead + 4.8/gain (s).
 
-        The delay meets the 34 ms reported for lookahead 0.03 and gain 1200 (issue 86 of Universal_Robots_Client_Library);
+        The delay matches the 34 ms reported for lookahead 0.03 and gain 1200 (issue 86 of Universal_Robots_Client_Library);
         the form of the real filter is not published.
         """
         omega = 2.0 / (lookahead + 4.8 / gain)
@@ -47,7 +47,7 @@ class Motion:
         self._law = law
 
     def speed(self, dq_cmd: np.ndarray, acceleration: float) -> None:
-        """Change towards dq_cmd with at most `acceleration`, rad/s^2."""
+        """Approach dq_cmd with at most `acceleration`, rad/s^2."""
 
         def law() -> tuple[np.ndarray, np.ndarray]:
             dq = self.dq + np.clip(dq_cmd - self.dq, -acceleration * self.dt, acceleration * self.dt)
@@ -56,7 +56,7 @@ class Motion:
         self._law = law
 
     def stop(self, deceleration: float) -> None:
-        """Come to rest along the present direction, the fastest joint at `deceleration`, rad/s^2."""
+        """Come to rest along the current direction, the fastest joint at `deceleration`, rad/s^2."""
 
         def law() -> tuple[np.ndarray, np.ndarray]:
             fastest = float(np.max(np.abs(self.dq)))
@@ -67,7 +67,7 @@ class Motion:
         self._law = law
 
     def move(self, q_end: np.ndarray, speed: float, acceleration: float, scale: Callable[[], float]) -> Callable[[], bool]:
-        """Trapezoid to q_end, the leading joint at `speed` and `acceleration`, time scaled by `scale()`; returns "is it there"."""
+        """Trapezoid to q_end, the leading joint at `speed` and `acceleration`, time scaled by `scale()`. Return a function: has it arrived?"""
         start, way = self.q.copy(), q_end - self.q
         length = float(np.max(np.abs(way)))
         if length < 1e-9:

@@ -1,4 +1,4 @@
-"""What the primary interface sends on connecting: one robot state with mode, kinematics and configuration.
+"""Robot state that the primary interface sends on connection: mode, kinematics, configuration and safety data.
 
 Universal Robots, "Client Interfaces": robot state message 16, sub-packages robot mode 0, kinematics info 5, configuration data 6, safety data 10.
 """
@@ -13,14 +13,14 @@ import numpy as np
 from sim.arm import Arm
 from sim.dh import DhRows
 
-# RobotType of the maker's client library
-SAFETY_CHECKSUM = 2588156642  # of the example in topic 988 of the maker's forum
+SAFETY_CHECKSUM = 2588156642  # from the example in topic 988 of the manufacturer's forum
+# RobotType in the manufacturer's client library
 TYPES = {"UR5": 1, "UR10": 2, "UR3": 3, "UR16": 4, "UR8L": 6, "UR20": 7, "UR30": 8, "UR15": 9, "UR18": 10}
 
 
 @dataclass(frozen=True)
 class HeldArm:
-    """What the controller knows of its arm: its rows, position limits rad and largest speeds rad/s (n,)."""
+    """What the controller knows about its arm: DH rows, position limits rad and largest speeds rad/s, (n,) each."""
 
     rows: DhRows
     q_min: np.ndarray
@@ -29,7 +29,7 @@ class HeldArm:
 
 
 def nominal_rows(arm: Arm) -> DhRows:
-    """The rows of an uncalibrated UR: its lengths d1 a2 a3 d4 d5 d6, read off the model."""
+    """DH rows of an uncalibrated UR, with its lengths d1 a2 a3 d4 d5 d6 from the model."""
     p = arm.tree.position
     half = np.pi / 2
     return DhRows(
@@ -39,7 +39,7 @@ def nominal_rows(arm: Arm) -> DhRows:
 
 
 def held(arm: Arm, seed: int | None) -> HeldArm:
-    """What the controller of an arm holds; with a seed calibrated as real ones are: elbow rows that cancel over many metres."""
+    """What the controller of an arm holds. With a seed, it is calibrated like a real one: offsets d of 5 to 20 m that cancel."""
     rows = nominal_rows(arm)
     if seed is not None:
         rng = np.random.default_rng(seed)
@@ -47,14 +47,14 @@ def held(arm: Arm, seed: int | None) -> HeldArm:
             (rows.theta, rows.a, rows.d, rows.alpha), (5e-4, 2e-4, 2e-4, 5e-4), strict=True))  # fmt: skip
         slip = rng.uniform(5.0, 20.0)
         d[1], d[2] = d[1] + slip, d[2] - slip
-        # where two axes are nearly parallel, sliding along them must not lift the arm: the far rows take the tilt back
+        # the offset slides along two nearly parallel axes; only a small tilt keeps it from lifting the arm
         alpha[1] = rng.normal(0.0, 1e-5)
         rows = DhRows(theta, a, d, alpha)
     return HeldArm(rows, arm.q_min, arm.q_max, arm.dq_max)
 
 
 def greeting(arm: HeldArm, model: str) -> bytes:
-    """The robot state that a client gets first."""
+    """The robot state that a client receives first."""
     rows = arm.rows
     kinematics = struct.pack(">6I24dI", *range(1, 7), *rows.theta, *rows.a, *rows.d, *rows.alpha, 2)
     limits = np.column_stack([arm.q_min, arm.q_max]).ravel()

@@ -1,7 +1,8 @@
-"""The control program that ur_rtde uploads, as the register protocol it speaks; one `yield` is one `sync()` of URScript.
+"""The control program that ur_rtde uploads, reduced to its register protocol; one `yield` is one `sync()` of URScript.
 
-Read in ur_rtde 1.6.5, scripts/rtde_control.script: commands come in integer register 0 and its doubles, answers go out in integer
-register 0. Only joint-space motion, stops, payload and watchdog are here; anything else ends the program, as an error in URScript does.
+From ur_rtde 1.6.5, scripts/rtde_control.script: commands arrive in integer register 0 and in double registers, answers leave in
+integer register 0. Only joint-space motion, stops, payload and watchdog are emulated; any other command ends the program, as an
+error in URScript does.
 """
 
 from __future__ import annotations
@@ -20,13 +21,13 @@ JOINTS = 6
 
 
 def register_offset(text: str) -> int | None:
-    """The register offset that an uploaded control program works with; None for any other program."""
+    """Register offset of an uploaded control program; None for any other program."""
     found = re.search(r"reg_offset_int = # int register offset\n\s*(\d+)", text)
     return int(found.group(1)) if found and text.lstrip().startswith("def ") else None
 
 
 def control_program(robot: Any, offset: int) -> Iterator[None]:
-    """The main loop of the control program; ends on its command, or at a command that it does not know."""
+    """Main loop of the control program; it ends on command QUIT or on an unknown command."""
     executing = False
     progress = _Progress(robot, offset)
     progress.finished()
@@ -58,7 +59,7 @@ def _realtime(robot: Any, command: int, offset: int) -> bool:
     elif command == SPEED_J:
         robot.motion.speed(np.array(d[:JOINTS]), d[6])
     else:
-        robot.note(f"the control program was asked for command {command}, which is not emulated")
+        robot.note(f"the control program received command {command}, which is not emulated")
         return False
     return True
 
@@ -86,13 +87,13 @@ def _blocking(robot: Any, command: int, offset: int, progress: _Progress) -> Gen
     elif command == WATCHDOG:
         robot.watch(f"input_int_register_{offset}", d[0])
     else:
-        robot.note(f"the control program was asked for command {command}, which is not emulated")
+        robot.note(f"the control program received command {command}, which is not emulated")
         return False
     return True
 
 
 class _Progress:
-    """The word in output integer register 2: operation in bits 24-30, writes in bits 16-22, running in bit 15."""
+    """Word in output integer register 2: operation count in bits 24-30, write count in bits 16-22, running in bit 15."""
 
     def __init__(self, robot: Any, offset: int) -> None:
         self._robot, self._index = robot, offset + 2

@@ -1,4 +1,4 @@
-"""The controller itself: modes, safety, registers and one program, stepped one control cycle at a time in front of a plant."""
+"""The controller itself: modes, safety, registers and one program in front of a plant, stepped one control cycle at a time."""
 
 from __future__ import annotations
 
@@ -21,18 +21,18 @@ POWER_OFF, RUNNING = 3, 7  # robot_mode
 NORMAL, REDUCED, PROTECTIVE_STOP, EMERGENCY_STOP = 1, 2, 3, 7  # safety_mode
 JOINT_RUNNING, JOINT_OFF = 253, 235  # joint_mode
 PROGRAM_START = 0.06  # s from upload to the first cycle of a program
-UNLOCK_AFTER = 5.0  # s that a protective stop cannot be unlocked
+UNLOCK_AFTER = 5.0  # s during which a protective stop cannot be unlocked
 STOP_DECELERATION = 20.0  # rad/s^2 of a protective or emergency stop
 PROGRAM_END_DECELERATION = 4.0  # rad/s^2 when a program ends in motion
-AMBIENT = 27.0  # degC, where the plant says nothing of temperature
-# speed_scaling while no program plays. The RTDE guide calls it the scaling of the trajectory limiter, and there is no trajectory then; no
-# source says what is reported, so this is the value that a client must not trip over
+AMBIENT = 27.0  # degC, if the plant has no temperature
+# speed_scaling while no program plays. The RTDE guide calls it the scaling of the trajectory limiter, and there is no trajectory
+# then. No source states what is reported, so this is a value that a client must tolerate
 IDLE_SPEED_SCALING = 0.0
-CURRENT_PER_TORQUE = 0.1  # A/(N m), where nobody has a constant: of the size of a UR10e's
+CURRENT_PER_TORQUE = 0.1  # A/(N m), if no torque constant is given; similar to a UR10e's
 
 
 class JointPlant(Protocol):
-    """What moves: the part of `sim.plant.Plant` that the controller needs."""
+    """The part of `sim.plant.Plant` that the controller needs."""
 
     def reset(self, q: np.ndarray) -> None: ...
     def command(self, q: np.ndarray, dq: np.ndarray, tau: np.ndarray) -> None: ...
@@ -41,7 +41,7 @@ class JointPlant(Protocol):
 
 
 class Robot:
-    """State of the emulated controller; everything happens in `step` and in the calls between two steps, in one thread."""
+    """State of the emulated controller; it changes in `step` and in calls between two steps, in one thread."""
 
     def __init__(
         self,
@@ -64,9 +64,9 @@ class Robot:
         self.operational_mode = "AUTOMATIC"
         self.program_name = ""
         self.held: HeldArm | None = None
-        self.ended: list[str] = []  # programs of others that somebody's upload ended
+        self.ended: list[str] = []  # programs of others that an upload ended
         self.payload, self.payload_cog = payload[0], list(payload[1])
-        # set_gravity of URScript gives the acceleration away from the earth's centre; taken to hold for its read-back too
+        # set_gravity of URScript takes the acceleration away from the earth's centre; the value read back is assumed to match
         self.target_gravity = [-g for g in gravity]
         self.tcp_offset = [0.0] * 6
         self.input_int, self.input_double = [0] * 48, [0.0] * 48
@@ -130,7 +130,7 @@ class Robot:
         )
 
     def write_input(self, name: str, value: float) -> None:
-        """An input variable arrives over RTDE."""
+        """Take an input variable that arrived over RTDE."""
         self._written[name] = self.time
         if name.startswith("input_int_register_"):
             self.input_int[int(name.rsplit("_", 1)[1])] = int(value)
@@ -140,13 +140,13 @@ class Robot:
             self.speed_slider = min(1.0, max(0.0, value))
 
     def upload(self, text: str) -> None:
-        """A program arrives on a script port: it replaces what runs, and starts where the robot is ready and remote."""
+        """Take a program from a script port; if the robot is ready and in remote control, it replaces the running one."""
         if (
             self.robot_mode != RUNNING
             or self.safety_mode not in (NORMAL, REDUCED)
             or (self.version[0] in (5, 10) and not self.remote)
         ):
-            self.note("a program came while the robot was not ready for it or in local control; it was not started")
+            self.note("a program arrived while the robot was not ready or in local control; it was not started")
             return
         if self.program_name:
             self.note(f"an upload ended the program {self.program_name}")
@@ -160,7 +160,7 @@ class Robot:
         try:
             program = Program(text, functions.table())
         except NotCompiled as error:
-            self.note(f"a program came that is neither ur_rtde's control program nor understood: {error}; it ends at once")
+            self.note(f"a program arrived that is neither ur_rtde's control program nor understood: {error}; it ends at once")
             return
         self._functions = functions
         self._starting = (self.time + PROGRAM_START, program.run)
@@ -171,7 +171,7 @@ class Robot:
         self._written[name] = self.time
 
     def stop_program(self) -> None:
-        """The program ends, whoever ends it; the arm comes to rest."""
+        """End the program; the arm comes to rest."""
         self._program = self.background = self._starting = self._watch = None
         if self._functions is not None:
             self._functions.close()
@@ -182,16 +182,16 @@ class Robot:
             self.motion.stop(PROGRAM_END_DECELERATION)
 
     def play(self, name: str, paused: bool = False) -> None:
-        """The operator or another client plays a program of theirs: the arm stands, until somebody ends it."""
+        """Play a program of the operator or another client; the arm stands still until the program is ended."""
         self.stop_program()
         self.program_name, self._program, self.runtime_state = name, _waits(), PAUSED if paused else PLAYING
 
     def reduce(self) -> None:
-        """A trigger of reduced mode is met: its limits hold, and motion goes on."""
+        """Enter reduced mode, as on its trigger; motion continues."""
         self.safety_mode = REDUCED
 
     def protective_stop(self) -> None:
-        """Stop at once and pause the program, until somebody unlocks it and plays again."""
+        """Stop at once and pause the program; `unlock` ends the stop."""
         self.safety_mode, self._stopped_at = PROTECTIVE_STOP, self.time
         if self.runtime_state == PLAYING:
             self.runtime_state = PAUSED
@@ -199,21 +199,21 @@ class Robot:
         self.motion.stop(STOP_DECELERATION)
 
     def unlock(self) -> bool:
-        """Unlock a protective stop; False within 5 s of it. The program stays paused."""
+        """Unlock a protective stop; return False if there is none or within 5 s of it. The program stays paused."""
         if self.safety_mode != PROTECTIVE_STOP or self.time - self._stopped_at < UNLOCK_AFTER:
             return False
         self.safety_mode = NORMAL
         return True
 
     def emergency_stop(self) -> None:
-        """Stop at once, end the program, drives off."""
+        """Stop at once, end the program and switch the drives off."""
         self.safety_mode = EMERGENCY_STOP
         self.stop_program()
         self.motion.stop(STOP_DECELERATION)
         self.robot_mode = POWER_OFF
 
     def note(self, sentence: str) -> None:
-        """Keep what would stand in the controller's log."""
+        """Record what would appear in the controller's log."""
         self.notes.append(f"{self.time:.3f} s: {sentence}")
 
     @property

@@ -1,7 +1,7 @@
-"""The Robot API of PolyScope X: HTTP in one request and one answer, of which only the questions are emulated.
+"""The Robot API of PolyScope X: one HTTP request, one answer; only GET requests are emulated.
 
 Paths, keys and first versions: client library of Universal Robots, dashboard_client_implementation_x.cpp (3.1.4 of the API is 10.12,
-5.0.107 is 10.14). Words of the modes: SAFETY and ROBOT_MODES of the dashboard, which that library parses alike.
+5.0.107 is 10.14). Mode names: SAFETY and ROBOT_MODES of the dashboard, which that library parses in the same way.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ def answer(robot: Any, request: bytes) -> bytes:
     """The whole HTTP answer to one request."""
     words = request.split(b"\r\n", 1)[0].decode("ascii", "replace").split(" ")
     if len(words) != 3 or words[0] != "GET":
-        return _response(405, {"message": "only questions are emulated"})
+        return _response(405, {"message": "only GET requests are emulated"})
     content = _content(robot, words[1].removeprefix(BASE)) if words[1].startswith(BASE) else None
     return _response(404, {"message": "no such path"}) if content is None else _response(200, content)
 

@@ -24,7 +24,7 @@ from sim.emulated.ur.variables import INPUT_VARIABLES, OUTPUT_VARIABLES
 class RtdeSession:
     """Answers one client; `robot` holds what is read and written, `robot.claims` which client owns which input.
 
-    `emit` sends bytes to the client.
+    `replies` collects the bytes for the client.
     """
 
     def __init__(self, robot: Any) -> None:
@@ -38,14 +38,14 @@ class RtdeSession:
         self.replies: list[bytes] = []
 
     def received(self, data: bytes) -> list[bytes]:
-        """The replies to what a client sent; Malformed where the connection must be closed."""
+        """Replies to what a client sent; Malformed if the connection must be closed."""
         self.replies = []
         for kind, payload in self._reader.feed(data):
             self._handle(kind, payload)
         return self.replies
 
     def due(self, cycle: int) -> bytes | None:
-        """The data frame of this controller cycle, where the client subscribed to it."""
+        """The data frame of this controller cycle; None if none is due to the client."""
         if not self.started or self._packer is None or cycle % self._every:
             return None
         values: list[float] = []
@@ -58,7 +58,7 @@ class RtdeSession:
         return frame(DATA, self._packer.pack(1, *values))
 
     def closed(self) -> None:
-        """Give back the inputs; their values stay as they were last written."""
+        """Release the claimed inputs; their values stay as last written."""
         self.started = False
         for name in [name for name, owner in self.robot.claims.items() if owner is self]:
             del self.robot.claims[name]
@@ -85,7 +85,7 @@ class RtdeSession:
 
     def _set_outputs(self, payload: bytes) -> None:
         if len(payload) < 8:
-            raise Malformed("an output request is shorter than its frequency")
+            raise Malformed("an output request is shorter than its frequency field")
         frequency = struct.unpack_from(">d", payload)[0]
         names = _names(payload[8:])
         types = [_output_type(name, self.robot.version) for name in names]
@@ -121,7 +121,7 @@ class RtdeSession:
             return
         layout = struct.Struct(">" + "".join(TYPES[INPUT_VARIABLES[name]][0] for name in names))
         if len(payload) != 1 + layout.size:
-            raise Malformed(f"recipe {payload[0]} has {layout.size} bytes, {len(payload) - 1} came")
+            raise Malformed(f"recipe {payload[0]} needs {layout.size} bytes, {len(payload) - 1} arrived")
         values = iter(layout.unpack_from(payload, 1))
         for name in names:
             count = TYPES[INPUT_VARIABLES[name]][1]

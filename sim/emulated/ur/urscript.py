@@ -1,8 +1,9 @@
-"""The part of URScript that our own control program is written in, run statement by statement; one `yield` is one control period.
+"""The part of URScript in which our own control program is written, run statement by statement; one `yield` is one control period.
 
-From the URScript manual of Universal Robots (e-Series, "The URScript Programming Language") and the use of it in external_control.urscript of their
-client library: def, while, if, elif, else, end; numbers, strings, lists; arithmetic, comparisons; named arguments. A program that
-uses anything else is refused before it starts, as a controller refuses what it cannot compile.
+From the URScript manual of Universal Robots (e-Series, "The URScript Programming Language") and its use in
+external_control.urscript of their client library: def, while, if, elif, else, end; numbers, strings, lists; arithmetic,
+comparisons; named arguments. Other block syntax and unknown functions are refused before the program starts, as a controller
+refuses what it cannot compile; any other statement or expression ends the program when it is reached.
 """
 
 from __future__ import annotations
@@ -19,12 +20,12 @@ OPERATORS: dict[type, Callable[[Any, Any], Any]] = {
     ast.Eq: operator.eq, ast.NotEq: operator.ne, ast.Lt: operator.lt, ast.LtE: operator.le, ast.Gt: operator.gt, ast.GtE: operator.ge,
 }  # fmt: skip
 BLOCKS = ("def", "while", "if", "elif", "else")
-NUMBER_MAX = 1e15  # ours are far below; without an end a number could grow until it fills the memory
-STATEMENTS_PER_PERIOD = 10_000  # a loop that does so much without waiting ends the program, as on a controller
+NUMBER_MAX = 1e15  # ours are far smaller; without a limit, a number could grow until it fills the memory
+STATEMENTS_PER_PERIOD = 10_000  # a loop that runs this many without waiting ends the program, as on a controller
 
 
 class NotCompiled(Exception):
-    """The text is no program that is understood here; the message says where."""
+    """The text is not a program that is understood here; the message states why."""
 
 
 class Ended(Exception):
@@ -32,7 +33,7 @@ class Ended(Exception):
 
 
 def compiled(text: str) -> tuple[str, list[ast.stmt]]:
-    """Name and body of the program in a text; NotCompiled otherwise."""
+    """Name and body of the program in a text; NotCompiled if it is not one."""
     lines = []
     depth = 0
     for number, line in enumerate(text.splitlines(), 1):
@@ -49,7 +50,7 @@ def compiled(text: str) -> tuple[str, list[ast.stmt]]:
         lines.append("  " * level + words)
         depth += first in ("def", "while", "if")
     if depth != 0:
-        raise NotCompiled(f"{depth} blocks without their end")
+        raise NotCompiled(f"{depth} blocks without an end")
     try:
         tree = ast.parse("\n".join(lines))
     except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
@@ -70,10 +71,10 @@ class Program:
         for statement in self._body:
             for node in ast.walk(statement):
                 if isinstance(node, ast.Call) and not (isinstance(node.func, ast.Name) and node.func.id in functions):
-                    raise NotCompiled(f"{ast.unparse(node.func)!r:.40} is no function that is known here")
+                    raise NotCompiled(f"{ast.unparse(node.func)!r:.40} is not a function known here")
 
     def run(self) -> Iterator[None]:
-        """Statement by statement; Ended where it fails."""
+        """Run statement by statement; Ended if one fails."""
         try:
             yield from self._block(self._body)
         except (TypeError, ValueError, IndexError, KeyError, ArithmeticError, RecursionError) as error:
@@ -142,7 +143,7 @@ class Program:
 
 
 def _number(value: Any) -> int | float:
-    """A number as a controller can hold it; ValueError for anything else."""
+    """`value` if it is a number that a controller can hold, else ValueError."""
     if isinstance(value, int | float) and abs(value) <= NUMBER_MAX:
         return value
-    raise ValueError(f"{value!r:.40} is no number to compute with")
+    raise ValueError(f"{value!r:.40} is not a usable number")

@@ -1,4 +1,4 @@
-"""The RTDE variables of the emulated controller: type, first version that has it, and where its value comes from."""
+"""RTDE variables of the emulated controller: type, first versions, and source of the value."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ Version = tuple[int, int, int]
 
 @dataclass(frozen=True)
 class Output:
-    """An output variable; `since` is the first (minor, bugfix) of each major version, none where a major version lacks it."""
+    """An output variable; `since` lists its first version in each major version that has it."""
 
     type: str
     value: Callable[[Any], float | Sequence[float]]
@@ -74,7 +74,7 @@ OUTPUT_VARIABLES: dict[str, Output] = {
     "payload_cog": Output("VECTOR3D", partial(_attribute, "payload_cog"), PAYLOAD),
     "payload_inertia": Output("VECTOR6D", partial(_zeros, 6), PAYLOAD_INERTIA),
     "ft_raw_wrench": Output("VECTOR6D", partial(_zeros, 6), FT),
-    # in the variable table of Universal Robots' client library; which release brought them was not found
+    # in the variable table of Universal Robots' client library; which release introduced them was not found
     "target_gravity": Output("VECTOR3D", partial(_attribute, "target_gravity"), TORQUE),
     "tcp_offset": Output("VECTOR6D", partial(_attribute, "tcp_offset"), TORQUE),
     **{name: Output("VECTOR6D", partial(_zeros, 6)) for name in (

@@ -100,14 +100,14 @@ def test_bounds_are_kept(effect: Effect, arm: Arm, motion: Trajectory, present: 
                 at = ArmEffect(item.effect, item.joint, item.parameters | {p.name: bound})
                 assert checked(arm, at) is at
                 outside = ArmEffect(item.effect, item.joint, item.parameters | {p.name: float(np.nextafter(bound, beyond))})
-                with pytest.raises(ConfigError, match=rf"{p.name} = .* it lies between"):
+                with pytest.raises(ConfigError, match=rf"{p.name} = .* must lie between"):
                     checked(arm, outside)
-        with pytest.raises(ConfigError, match="it lies between"):
+        with pytest.raises(ConfigError, match="must lie between"):
             checked(arm, ArmEffect(item.effect, item.joint, item.parameters | {p.name: math.nan}))
         if len(effect.parameters) > 1:
-            with pytest.raises(ConfigError, match="it has exactly"):
+            with pytest.raises(ConfigError, match="needs exactly"):
                 checked(arm, ArmEffect(item.effect, item.joint, {p.name: item.parameters[p.name]}))
-    with pytest.raises(ConfigError, match="it has exactly"):
+    with pytest.raises(ConfigError, match="needs exactly"):
         checked(arm, ArmEffect(item.effect, item.joint, item.parameters | {"colour": 1.0}))
     wrong = None if effect.scope == "joint" else arm.joint_names[0]
     with pytest.raises(ConfigError, match=r"a joint is needed|leave the joint out"):
