@@ -1,4 +1,4 @@
-"""Dask: processes of this computer by default, an existing cluster where its scheduler's address is given; the same tasks either way."""
+"""Dask: processes on this computer by default, an existing cluster if its scheduler's address is given; the same tasks either way."""
 
 from __future__ import annotations
 
@@ -16,28 +16,28 @@ from distributed.security import Security
 
 from sim.errors import ConfigError
 
-# Each worker does one arm at a time: threads below it would only contend, and sums would depend on how many there are
+# Each worker processes one arm at a time: more threads would only contend, and sums would depend on their number
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS", "VECLIB_MAXIMUM_THREADS"), "1")  # fmt: skip
-ALLOWED_DEATHS = 3  # workers that may die over one arm before the others go on without it
+ALLOWED_DEATHS = 3  # workers that may die over one arm before it is given up
 CONNECT_SECONDS = 10.0
 
 
 @contextmanager
 def cluster(scheduler: str | None = None, workers: int | None = None) -> Iterator[Client | None]:
-    """A client of the scheduler at an address (tls://host:port), or of so many processes of this computer (one for each processor if
-    None); with no worker at all, none, and `results` does the work itself.
+    """Yield a client of the scheduler at an address (tls://host:port), or of `workers` processes on this computer (one per processor if
+    None); for 0 workers yield None, and `results` does the work itself.
 
-    The processes of this computer speak TLS with keys that are made for this call alone and never written down: who cannot show one
-    cannot give them work. A scheduler at an address is contacted with the keys of Dask's own settings (distributed.comm.tls).
-    ConfigError where nobody answers at the address. `client.dashboard_link` is the page that shows what the workers do.
+    The processes on this computer use TLS with keys that are made for this call alone and never written to disk: without one, nobody can
+    give them work. A scheduler at an address is contacted with the keys of Dask's own settings (distributed.comm.tls).
+    ConfigError where there is no answer at the address. `client.dashboard_link` is the page that shows what the workers do.
     """
     if scheduler is not None:
         try:
             client = Client(scheduler, timeout=CONNECT_SECONDS)
         except (OSError, TimeoutError, ValueError) as error:
             raise ConfigError(
-                f"--scheduler {scheduler}: nobody answers ({error}); start one with `dask scheduler`, set the keys of a tls:// scheduler in "
-                "Dask's settings (distributed.comm.tls), or leave the option away to use this computer"
+                f"--scheduler {scheduler}: does not answer ({error}); start one with `dask scheduler`, set the keys of a tls:// scheduler in "
+                "Dask's settings (distributed.comm.tls), or omit the option to use this computer"
             ) from error
         with client:
             yield client
@@ -59,7 +59,7 @@ def cluster(scheduler: str | None = None, workers: int | None = None) -> Iterato
             with Client(local, security=security) as client:
                 yield client
         finally:
-            # every answer is home by now: a process that is slow to die on a busy computer must not undo them
+            # all answers have arrived by now: a process that is slow to exit on a busy computer must not undo them
             with suppress(TimeoutError):
                 local.close()
 
@@ -67,10 +67,10 @@ def cluster(scheduler: str | None = None, workers: int | None = None) -> Iterato
 def results(
     client: Client | None, task: Callable[[Any], Any], items: Iterable[tuple[str, Any]]
 ) -> Iterator[tuple[str, Any | None, str]]:
-    """task(item) of every (key, item), in the order in which they are finished: key, result or None, and why there is none.
+    """Yield key, task(item) or None, and the reason for None, of every (key, item) in the order in which they finish.
 
-    A task whose worker dies is done by another one; results are handed on, and forgotten by the cluster, as they come. Without a
-    client the tasks are done here, one after the other.
+    If a worker dies, another one does its task. Results are passed on, and released by the cluster, as they arrive. Without a client the
+    tasks are done here, one after the other.
     """
     if client is None:
         for key, item in items:

@@ -1,4 +1,4 @@
-"""A folder of recordings in, a row and a folder for every arm out; what was done before and is still true is not done again."""
+"""A folder of recordings in, a row and a folder for every arm out; earlier results that are still valid are not computed again."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ from sim.errors import CalibError, UnknownArm
 from sim.files import printable
 
 ANSWER, ESTIMATE, PORTIONS, ARMS = "answer.json", "estimate.npz", "portions", "arms"
-BORROWED = 0.5  # of the knowledge of some parameter: from here on the others' help changes what the arm's folder would say
+BORROWED = 0.5  # share of the knowledge of some parameter above which the siblings change what the arm's folder would hold
 
 
 @dataclass(frozen=True)
 class Settings:
-    """How a fleet is worked through; see `Job`. workers: processes of this computer, one for each processor if
-    None, this process if 0."""
+    """How a fleet is processed; see `Job`. workers: processes on this computer, one per processor if None, this
+    process if 0."""
 
     scheduler: str | None = None
     workers: int | None = None
@@ -44,7 +44,7 @@ class Settings:
 
 @dataclass(frozen=True)
 class Progress:
-    """Reported as the work goes on: the address of Dask's page once it is known, then every arm with its status."""
+    """Progress of the work: the address of Dask's page once it is known, then every arm with its status."""
 
     total: int
     dashboard: str = ""
@@ -54,7 +54,7 @@ class Progress:
 
 @dataclass(frozen=True)
 class Fleet:
-    """Rows in the order of the arms' names; recordings that do not say whose they are, with the reason; arms done in this call."""
+    """Rows in the order of the arms' names; recordings whose arm is unknown, with the reason; arms processed in this call."""
 
     rows: list[dict[str, Any]]
     unassigned: list[tuple[str, str]]
@@ -68,8 +68,8 @@ def run_fleet(
     progress: Callable[[Progress], None] = lambda p: None,
     configs: Path | None = None,
 ) -> Fleet:
-    """Every arm of an `inventory`, into out/arms/<arm>/ and out/fleet.parquet; an arm whose recordings, model and program are those of
-    an answer in `out` keeps that answer.
+    """Process every arm of an `inventory` into out/arms/<arm>/ and out/fleet.parquet; an arm whose recordings, model and program are those
+    of an answer in `out` keeps that answer.
     """
     recordings, unassigned = found
     answers: dict[str, Answer] = {}
@@ -126,7 +126,7 @@ def run_fleet(
 
 
 def _received(job: Job, data: object, why: str) -> Answer:
-    """What a worker answered; where it did not, or not in words that can be read, a row that says so."""
+    """A worker's answer; where there is none, or it cannot be read, a row that states this."""
     if data is None:
         return refusal(job, ArmStatus.WORKER_LOST, why)
     try:
@@ -136,7 +136,7 @@ def _received(job: Job, data: object, why: str) -> Answer:
 
 
 def stored(folder: Path, job: Job) -> Answer | None:
-    """The answer that `folder` holds, if it is one to this very job and would not come out differently now."""
+    """The answer that `folder` holds, if it is for exactly this job and would be the same now; else None."""
     try:
         row = json.loads((folder / ANSWER).read_text(encoding="utf-8"))
         status = ArmStatus[row["status"].upper()]
@@ -147,12 +147,12 @@ def stored(folder: Path, job: Job) -> Answer | None:
             return Answer(job.arm_id, status, row)
         with np.load(folder / ESTIMATE, allow_pickle=False) as file:
             return Answer(job.arm_id, status, row, {}, tuple(row["parameters"]), file["theta"], file["covariance"])
-    except Exception:  # whatever is wrong with what stands there, the arm is done again
+    except Exception:  # whatever is wrong with the stored answer, the arm is processed again
         return None
 
 
 def store(folder: Path, answer: Answer) -> None:
-    """The arm's folder, whole or not at all: what stood there before is replaced."""
+    """Write the arm's folder, whole or not at all; it replaces an earlier one."""
     folder.parent.mkdir(parents=True, exist_ok=True)
     draft = Path(tempfile.mkdtemp(dir=folder.parent, prefix=f".{folder.name}."))
     try:
@@ -182,13 +182,13 @@ def _notes(arm: Arm | None, job: Job | None) -> list[str]:
     if arm is None or job is None:
         return []
     others = [r for r in job.recordings if r.arm_sha256 and r.arm_sha256 != arm.sha256]
-    return [f"{len(others)} of its recordings were made with another state of the folder of {arm.name}"] if others else []
+    return [f"{len(others)} of its recordings were made with another version of the folder of {arm.name}"] if others else []
 
 
 def _compared(
     answers: dict[str, Answer], arms: dict[str, Arm]
 ) -> tuple[dict[str, dict[str, Any]], list[tuple[str, ShrinkageEstimate]]]:
-    """The rows, each with what the arms of its model say together, and the arms that borrow so much that they get a second folder."""
+    """The rows, each compared with the arms of its model, and the arms that borrow so much that they get a second folder."""
     rows = {arm_id: dict(answer.row) for arm_id, answer in answers.items()}
     with_siblings: list[tuple[str, ShrinkageEstimate]] = []
     families: dict[str, list[Answer]] = {}
@@ -202,7 +202,7 @@ def _compared(
         except (
             ValueError,
             np.linalg.LinAlgError,
-        ) as error:  # numbers that cannot be compared must not take the arms' own results
+        ) as error:  # numbers that cannot be compared must not cost the arms their own results
             together = None
             for answer in family:
                 rows[answer.arm_id]["notes"] = [f"not compared with its siblings: {error}"]
@@ -238,7 +238,7 @@ def _write(folder: Path, files: dict[str, bytes]) -> None:
 
 
 def deviates(row: Mapping[str, Any]) -> bool:
-    """Whether an arm has an effect that its model lacks, structure without a name, a model that does not agree, or numbers that its siblings do not have."""
+    """Whether an arm has an effect missing from its model, structure without a name, a model that disagrees, or numbers unlike its siblings'."""
     return (
         bool(row.get("effects") or row.get("elsewhere") or row.get("disagrees"))
         or row.get("verdict") == "unexplained"

@@ -1,4 +1,4 @@
-"""Which recordings there are, and which arm each is of: read from what a recording says of itself, not from its name.
+"""Which recordings there are, and which arm each is of: read from the recording's metadata, not from its name.
 
 An arm is identified by its model, the cell it stands in and its serial number: an arm that was replaced, or moved, is another one.
 """
@@ -26,19 +26,19 @@ from sim.errors import BadLog, ConfigError
 from sim.files import is_name, open_regular, printable
 
 SUFFIX = ".mcap"
-IMPORT = "import it with `calib import FILE --arm ARM`, which writes the arm down, and put the new file in its place"
+IMPORT = "import it with `calib import FILE --arm ARM`, which records the arm, and put the new file in its place"
 REMOVE = "put a recording in its place, or remove it"
-MAX_WORD = 500  # characters of what a recording says of itself; six serial numbers are a hundred
+MAX_WORD = 500  # characters of an entry of a recording's metadata; six serial numbers take a hundred
 MAX_FOLDER = 120
-LATEST = 4_102_444_800 * 10**9  # ns, 2100: a later time is no time
+LATEST = 4_102_444_800 * 10**9  # ns, 2100: a later time is refused
 
 
 @dataclass(frozen=True)
 class Recorded:
-    """One recording: address, size in bytes and a mark that changes with its content, and what it says of itself.
+    """One recording: address, size in bytes, a mark that changes with its content, and its metadata.
 
     arm is the model's name in configs/arms, with the hash of the folder that it was recorded with; motion is its name in the plan;
-    started is in the ISO form, UTC, "" where it does not say.
+    started is in ISO form, UTC, "" where it is not stated.
     """
 
     address: str
@@ -60,8 +60,8 @@ class Recorded:
     def arm_id(self) -> str:
         """The arm's name in the fleet, and that of its folder: different for every identity.
 
-        Model, cell and serial numbers between plus signs, which none of them holds; where one holds more than letters, digits, dots,
-        dashes and underscores, or all are too long, these are replaced and a hash of the identity follows after "~".
+        Model, cell and serial numbers, joined by plus signs. Characters other than letters, digits, dots, dashes and underscores are
+        replaced, and too long a name is cut; a hash of the identity then follows after "~".
         """
         arm, cell, parts = self.identity
         words = [arm, cell, ",".join(parts)]
@@ -74,7 +74,7 @@ class Recorded:
 
 
 def inventory(address: str) -> tuple[list[Recorded], list[tuple[str, str]]]:
-    """The recordings below a folder (a path, or any address that fsspec reads), and those that do not say whose they are, with the reason.
+    """The recordings below a folder (a path, or any address that fsspec reads), and those whose arm is unknown, with the reason.
 
     ConfigError where there is no such folder or it holds no recording.
     """
@@ -88,7 +88,7 @@ def inventory(address: str) -> tuple[list[Recorded], list[tuple[str, str]]]:
             recordings.append(_recorded(system, path, full, about))
         except (BadLog, OSError) as error:
             unknown.append((printable(full), printable(error)))
-        except Exception as error:  # one recording, whatever is in it, must not take the others
+        except Exception as error:  # one recording, whatever is in it, must not stop the others
             unknown.append((printable(full), printable(f"{full}: cannot be read ({type(error).__name__}: {str(error)[:200]})")))
     if not recordings and not unknown:
         raise ConfigError(f"{address}: holds no {SUFFIX} file; give the folder that the recordings are below")
@@ -96,7 +96,7 @@ def inventory(address: str) -> tuple[list[Recorded], list[tuple[str, str]]]:
 
 
 def foreign(address: str) -> list[str]:
-    """The recordings below a folder that are in another form, which no fleet reads."""
+    """The recordings below a folder that are in another format, which a fleet does not read."""
     system, found = _files(address)
     others = [suffix for suffix in SUFFIXES if suffix != SUFFIX]
     return [printable(_full(system, path)) for path in sorted(found) if Path(path).suffix.lower() in others]
@@ -130,7 +130,7 @@ def _files(address: str) -> tuple[Any, dict[str, dict[str, Any]]]:
 
 
 def _full(system: Any, path: str) -> str:
-    """The address of a file: its path on this computer, and with its protocol elsewhere."""
+    """The address of a file: its path on this computer, elsewhere with its protocol."""
     return path if is_local(system) else str(system.unstrip_protocol(path))
 
 
@@ -141,14 +141,14 @@ def _recorded(system: Any, path: str, address: str, about: dict[str, Any]) -> Re
             raise BadLog(f"{address}: is not an MCAP file; {IMPORT}, or remove it")
         words = _words(file, address)
     if not words.get("arm"):
-        raise BadLog(f"{address}: does not say of which arm it is; {IMPORT}")
+        raise BadLog(f"{address}: does not state its arm; {IMPORT}")
     for key in ("arm", "arm_sha256", "cell", "serial", "motion"):
         if len(words.get(key, "")) > MAX_WORD or printable(words.get(key, "")) != words.get(key, ""):
             raise BadLog(f"{address}: its {key} is longer than {MAX_WORD} characters or cannot be printed; record it again")
     if not is_name(words["arm"]):
         raise BadLog(
-            f"{address}: says that it is of the arm {words['arm']!r}; an arm is named by 1 to 64 letters, digits, dots, dashes and underscores, "
-            "and never by a path"
+            f"{address}: states the arm {words['arm']!r}; the name of an arm has 1 to 64 letters, digits, dots, dashes and underscores, "
+            "and is never a path"
         )
     started = _started(words.get("wall_clock_start_ns", ""), address)
     mark = next((str(about[key]) for key in ("ETag", "etag", "md5Hash", "mtime", "LastModified") if about.get(key)), "")
@@ -163,12 +163,12 @@ def _started(ns: str, address: str) -> str:
     if not ns:
         return ""
     if not re.fullmatch(r"[0-9]{1,19}", ns, re.ASCII) or int(ns) > LATEST:
-        raise BadLog(f"{address}: wall_clock_start_ns = {ns[:24]!r} is no time; nanoseconds since 1970, before 2100, are one")
+        raise BadLog(f"{address}: wall_clock_start_ns = {ns[:24]!r} is not a time in nanoseconds since 1970, before 2100")
     return datetime.fromtimestamp(int(ns) // 10**9, UTC).isoformat(timespec="seconds")
 
 
 def _words(file: Any, address: str) -> dict[str, str]:
-    """The metadata record `recording`: a finished file's end says where it is, one that was never finished begins with it."""
+    """The metadata record `recording`: the end of a finished file states where it is; a file that was never finished begins with it."""
     fault: Exception | None = None
     for kind in (SeekingReader, NonSeekingReader):
         try:
@@ -179,6 +179,4 @@ def _words(file: Any, address: str) -> dict[str, str]:
             return {}
         except (McapError, ValueError, EOFError, StopIteration, RuntimeError) as error:
             fault = error
-    raise BadLog(
-        f"{address}: its metadata cannot be read ({type(fault).__name__}: {fault}), so nothing says of which arm it is; {IMPORT}"
-    )
+    raise BadLog(f"{address}: its metadata cannot be read ({type(fault).__name__}: {fault}), so its arm is unknown; {IMPORT}")

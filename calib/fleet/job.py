@@ -1,4 +1,4 @@
-"""The request about one arm, and the answer: everything a worker needs and everything it gives back, and nothing else."""
+"""The request about one arm, and the answer: all that a worker needs and all that it returns."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ SCHEMA = "fleet/1"
 
 
 class ArmStatus(Enum):
-    """How far an arm came; the value is the sentence shown to people."""
+    """How far the work on an arm got; the value is the sentence shown to people."""
 
     DONE = "identified, validated and diagnosed"
     NO_EXCITATION = "a joint hardly moves in its recordings"
     BAD_LOGS = "its recordings cannot be used"
-    CONFIGURATION = "its model or its recordings' contents do not fit together"
-    WORKER_LOST = "the workers that tried it died; it is tried again by the next call"
+    CONFIGURATION = "its model and its recordings do not fit together"
+    WORKER_LOST = "the workers that tried it died; the next call tries it again"
     OTHER_PROGRAM = "its worker runs another version of the program"
     FAILED = "the program failed; this is a defect of the program"
 
@@ -36,10 +36,10 @@ class ArmStatus(Enum):
 
 @dataclass(frozen=True)
 class Job:
-    """One arm: its model, its recordings (oldest first) and where portions of work that was done are kept ("": nowhere).
+    """One arm: its model, its recordings (oldest first) and where finished portions of the work are kept ("": nowhere).
 
     `program` is the version that sent the request: a worker that runs another one refuses, because its numbers would not be comparable.
-    A session is all recordings from `session_days` before the newest; it says what the arm is now, the older ones since when.
+    A session is all recordings from `session_days` before the newest on; it shows the arm as it is now, the older ones since when.
     """
 
     arm_id: str

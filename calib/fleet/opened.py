@@ -1,4 +1,4 @@
-"""An arm's recordings as a worker reads them: fetched where they lie elsewhere, checked, and sorted by what each is for."""
+"""An arm's recordings as a worker reads them: fetched if they are elsewhere, checked, and sorted by purpose."""
 
 from __future__ import annotations
 
@@ -23,28 +23,28 @@ APART = ("validation", "holdout")
 
 @dataclass
 class Copies:
-    """The recordings as files on this computer, copied into `folder` where they lie elsewhere; `given` holds the copies' addresses."""
+    """The recordings as files on this computer, copied into `folder` if they are elsewhere; `given` holds the addresses of the copies."""
 
     folder: Path
     given: dict[str, str] = field(default_factory=dict)
 
     def file(self, address: str, k: str) -> Path:
-        """The recording at an address; its copy has its name, in a new folder `k`."""
+        """The file of the recording at an address; a copy keeps its name, in a new folder `k`."""
         (self.folder / k).mkdir()
         system, path = fsspec.core.url_to_fs(address)
         if is_local(system):
             return Path(path)
-        copy = self.folder / k / address.rsplit("/", 1)[-1][-60:]  # a longer name than a file may have
+        copy = self.folder / k / address.rsplit("/", 1)[-1][-60:]  # the address may be longer than a file name can be
         try:
             with system.open(path, "rb") as source, copy.open("wb") as target:
                 shutil.copyfileobj(source, target, 1 << 22)
         except OSError as error:
-            raise BadLog(f"{address}: cannot be fetched ({error}); see that this worker reaches it") from error
+            raise BadLog(f"{address}: cannot be fetched ({error}); make sure that this worker can reach it") from error
         self.given[str(copy)] = address
         return copy
 
     def sentence(self, error: Exception) -> str:
-        """What is wrong, with the addresses in the place of the copies."""
+        """The text of an error, with addresses in place of copies."""
         text = str(error)
         for copy, address in self.given.items():
             text = text.replace(copy, address)
@@ -53,7 +53,7 @@ class Copies:
 
 @dataclass
 class Opened:
-    """The recordings of the newest session that could be read, the older ones, and those that could not be, with the reason."""
+    """The readable recordings of the newest session, fitted and held out; the older ones; and those that are not readable, with the reason."""
 
     fitted: Pieces
     apart: Pieces
@@ -62,7 +62,7 @@ class Opened:
 
 
 def session(recordings: Sequence[Recorded], days: float) -> list[Recorded]:
-    """The recordings from `days` before the newest on; those that do not say when they were made belong to it."""
+    """The recordings from `days` before the newest on, and those that do not state when they were made."""
     dated = [r for r in recordings if r.started]
     if not dated:
         return list(recordings)
@@ -71,8 +71,8 @@ def session(recordings: Sequence[Recorded], days: float) -> list[Recorded]:
 
 
 def opened_of(job: Job, copies: Copies) -> Opened:
-    """The recordings of a job, sorted by what they are for. One that is damaged, or holds the samples of another one, is left out with
-    the reason; BadLog where none is left.
+    """The recordings of a job, sorted by purpose. One that is damaged, or holds the samples of another one, is left out with the reason;
+    BadLog where none remains.
     """
     newest = session(job.recordings, job.session_days)
     now: list[tuple[Recorded, Pieces]] = []
@@ -96,7 +96,8 @@ def opened_of(job: Job, copies: Copies) -> Opened:
 
 
 def _require_other(recording: Recorded, pieces: Pieces, before: Sequence[tuple[Recorded, Pieces]]) -> None:
-    """BadLog where a recording holds the samples of one before it, which would count twice; a copy begins where the other one begins."""
+    """Raise BadLog where a recording holds the samples of an earlier one, which would count twice. Comparing the first pieces is enough:
+    a copy begins where the original begins."""
     for other, their in before:
         if same_samples(pieces[0], their[0]):
             raise BadLog(

@@ -1,4 +1,4 @@
-"""An answer as bytes, to travel from a worker to the command: JSON and plain arrays, nothing that would be run when it is opened."""
+"""An answer as bytes, for transfer from a worker to the command: JSON and plain arrays, nothing that would be executed on opening."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def packed(answer: Answer) -> bytes:
 
 
 def unpacked(data: object, arm_id: str) -> Answer:
-    """The answer about this arm; BadLog where the bytes are none, or would put a file anywhere but into the arm's own folder."""
+    """The answer about this arm; BadLog where the bytes hold none, or would put a file outside the arm's own folder."""
     where = f"the worker's answer about {arm_id}"
     if not isinstance(data, bytes):
         raise BadLog(f"{where}: is a {type(data).__name__}, not bytes; look at the workers of this cluster")
@@ -50,13 +50,13 @@ def unpacked(data: object, arm_id: str) -> Answer:
     for name in files:
         if not all(is_name(part) for part in name.split("/")):
             raise BadLog(
-                f"{where}: holds a file {name!r}, which is no name below the arm's folder; look at the workers of this cluster"
+                f"{where}: holds a file {name!r}, which is not below the arm's folder; look at the workers of this cluster"
             )
     return Answer(arm_id, status, row, files, names, theta, covariance)
 
 
 def _shown(value: Any) -> Any:
-    """Text from elsewhere as a terminal may show it."""
+    """A value whose text is safe to show on a terminal."""
     if isinstance(value, str):
         return printable(value)
     if isinstance(value, list):

@@ -1,4 +1,4 @@
-"""The arm folder of an arm with little data: its estimate with what its siblings know, as an arm that can exist."""
+"""The arm folder of an arm with little data: its estimate with its siblings' knowledge, made physically consistent."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ FOLDER = "arm_with_siblings"
 
 @dataclass(frozen=True)
 class ShrinkageEstimate:
-    """theta (p,) with covariance (p, p) of an arm of this model, with the help of so many siblings."""
+    """theta (p,) with covariance (p, p) of an arm of this model, with the help of `siblings` others."""
 
     arm_id: str
     arm: Arm
@@ -32,12 +32,12 @@ class ShrinkageEstimate:
 
 
 def packed_estimate(estimate: ShrinkageEstimate) -> bytes:
-    """`estimate_files`, as bytes to travel."""
+    """`estimate_files`, as bytes for transfer."""
     return packed(Answer(estimate.arm_id, ArmStatus.DONE, {}, estimate_files(estimate)))
 
 
 def estimate_files(estimate: ShrinkageEstimate) -> dict[str, bytes]:
-    """The files of arm_with_siblings/, by relative path; none where no such arm can exist."""
+    """The files of arm_with_siblings/, by relative path; none where no physically consistent arm is found."""
     model = TorqueModel.of_arm(estimate.arm)
     try:
         possible = possible_arm(model, estimate.theta, estimate.covariance, full_nominal(estimate.arm, model))

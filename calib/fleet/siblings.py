@@ -1,10 +1,9 @@
-"""theta_a ~ N(mu, T), theta_hat_a ~ N(theta_a, C_a): arms of one model differ by T about mu; what an arm's own data leave open, the
-others know.
+"""theta_a ~ N(mu, T), theta_hat_a ~ N(theta_a, C_a): arms of one model vary by T about mu; the others supply what an arm's own data
+leave open.
 
-mu and the diagonal T are found by expectation and maximisation (A. Dempster, N. Laird, D. Rubin, JRSS B 39(1), 1977) with the weights
-of Student's t (K. Lange, R. Little, J. Taylor, JASA 84(408), 1989), so that an arm that is different does not pass for the spread of
-the others. The shrinkage estimate is (C_a^-1 + T^-1)^-1 (C_a^-1 theta_hat_a + T^-1 mu); an arm is compared with mu and T of the others
-alone.
+mu and the diagonal T are found by expectation maximisation (A. Dempster, N. Laird, D. Rubin, JRSS B 39(1), 1977) with the weights of
+Student's t (K. Lange, R. Little, J. Taylor, JASA 84(408), 1989), so that a deviating arm does not widen the spread of the others. The
+shrinkage estimate is (C_a^-1 + T^-1)^-1 (C_a^-1 theta_hat_a + T^-1 mu). An arm is compared with mu and T of the others alone.
 """
 
 from __future__ import annotations
@@ -18,22 +17,22 @@ from scipy.special import ndtri, stdtr
 from calib.regression.normal_equations import inverse
 from logs.normal import OF_MEDIAN
 
-LEAST = 4  # arms of a model from which on a spread can be distinguished from chance
+LEAST = 4  # arms of a model, from which a spread can be distinguished from chance
 FREEDOM = 4.0  # of Student's t
 ROUNDS = 200
 OUTLIER = 4.0  # standard deviations: 1 in 16000 by chance, for some ten thousand numbers of a fleet
-FLOOR = 1e-4  # of a parameter's scale: no spread is taken as smaller
-# Student's weights see arms that vary normally as closer together than they are: s^2 with E[(f + 1) u^2/(f s^2 + u^2)] = 1, u ~ N(0, 1)
+FLOOR = 1e-4  # of a parameter's scale: least spread
+# Student's weights underestimate the spread of arms that vary normally: s^2 with E[(f + 1) u^2/(f s^2 + u^2)] = 1, u ~ N(0, 1)
 SMALLER = 0.69057
 
 
 @dataclass(frozen=True)
 class Siblings:
-    """What A arms of one model say together about p parameters.
+    """Joint estimate of p parameters from A arms of one model.
 
-    mean (p,), spread (p,): of the arms, as standard deviation. shrunk (A, p), std (A, p): each arm's estimate with the others' help.
-    covariance (A, p, p) of it. score (A, p): how many standard deviations an arm's own estimate is from what the others lead one to
-    expect, its own uncertainty included; borrowed (A, p): the part of an arm's knowledge that comes from the others.
+    mean (p,), spread (p,): of the arms, as standard deviation. shrunk (A, p), std (A, p), covariance (A, p, p): each arm's estimate with
+    the others' help. score (A, p): how many standard deviations an arm's own estimate is from what the others predict, its own uncertainty
+    included. borrowed (A, p): share of an arm's knowledge that comes from the others.
     """
 
     mean: np.ndarray
@@ -96,7 +95,7 @@ def _settle(x: np.ndarray, precision: np.ndarray) -> tuple[np.ndarray, np.ndarra
 
 
 def _without(x: np.ndarray, own: np.ndarray, weight: np.ndarray, a: int) -> tuple[np.ndarray, np.ndarray]:
-    """mu and T of all arms but a, parameter by parameter: arms that know more count more, arms that stick out less."""
+    """mu, and T plus the variance of mu, of all arms but a, parameter by parameter: precise arms count more, outlying arms less."""
     others = np.arange(len(x)) != a
     y, s2, w = x[others], own[others] ** 2, weight[others]
     variance = np.full(x.shape[1], FLOOR**2)
@@ -110,7 +109,7 @@ def _without(x: np.ndarray, own: np.ndarray, weight: np.ndarray, a: int) -> tupl
 
 
 def _normal(t: np.ndarray, freedom: int) -> np.ndarray:
-    """Student's t with that freedom as the standard normal number that is as rare: a spread of few arms is hardly known."""
+    """The standard normal score that is as rare as t of Student's t with `freedom`: the spread of few arms is hardly known."""
     return -np.sign(t) * ndtri(np.maximum(stdtr(freedom, -np.abs(t)), 1e-300))
 
 

@@ -1,7 +1,7 @@
-"""Since when: the effects that the newest recordings show, looked for in the older ones.
+"""Since when an arm has had its effects: those that the newest recordings show are looked for in the older ones.
 
-Along a log, e = tau_hat(arm with the effect) - tau_hat(arm without it); the amplitude a = <r, e>/<e, e> of the residual r without it
-is about 1 where the effect was there at its present size and about 0 where it was not. Rows are weighted by each joint's own residual.
+Along a log, e = tau_hat(arm with the effect) - tau_hat(arm without it). The amplitude a = <r, e>/<e, e> of the residual r without it is
+about 1 where the effect was present at its current size, and about 0 where it was absent. Rows are weighted by each joint's own residual.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ SHORTEST_ROWS = 40
 class History:
     """An effect's amplitude in recordings, oldest first: (when, amplitude); NaN where the motion does not show it.
 
-    since: the oldest instant from which on every recording that shows anything shows the effect.
+    since: the earliest instant from which every recording that can show the effect does.
     """
 
     effect: str
@@ -50,7 +50,7 @@ class History:
 
 
 def histories(arm: Arm, found: Sequence[ArmEffect], recordings: Iterable[tuple[str, Log]]) -> list[History]:
-    """For every effect its amplitude in each of the recordings (when, log), oldest first."""
+    """The amplitude of every effect in each of the recordings (when, log), oldest first."""
     whole = arm
     for item in found:
         whole = with_effect(whole, item)

@@ -1,4 +1,4 @@
-"""What people are shown of a fleet: the sentence, the table of all arms, and the arms that deviate with what, how much and since when."""
+"""The summary of a fleet: the sentence, the table of all arms, and which arms deviate, in what, by how much and since when."""
 
 from __future__ import annotations
 
@@ -38,19 +38,19 @@ def sentence(fleet: Fleet) -> str:
 
 
 def not_diagnosed(fleet: Fleet) -> int:
-    """How many arms were identified, and never compared with their models."""
+    """Number of arms that were identified but not compared with their models."""
     return sum(row.get("verdict") == "not_diagnosed" for row in fleet.rows)
 
 
 def nothing_wrong(fleet: Fleet) -> bool:
-    """Whether all that was requested could be done with every recording's arm, and none deviates."""
+    """Whether all that was requested could be done for the arm of every recording, and none deviates."""
     # a diagnosis that was not requested is no failure; one that could not be made is
     done = all(row["status"] == "done" and not row.get("diagnosis_trouble") for row in fleet.rows)
     return done and not fleet.unassigned and not any(deviates(row) for row in fleet.rows)
 
 
 def arm_rows(fleet: Fleet) -> list[list[Any]]:
-    """Arm, status, recordings, minutes, worst share of torque that is left, verdict, parameter farthest from the siblings'."""
+    """Arm, status, recordings, minutes, largest unexplained share of torque, verdict, parameter farthest from the siblings'."""
     return [
         [
             row["arm"], row["status"].replace("_", " "), _used(row), row["seconds"] / 60 if row.get("seconds") else None,
@@ -61,7 +61,11 @@ def arm_rows(fleet: Fleet) -> list[list[Any]]:
 
 
 def deviation_rows(fleet: Fleet) -> list[list[Any]]:
-    """Arm, what, joint, how large, since when: a line for every named effect, joint without a name, model that does not agree, and arm unlike its siblings."""
+    """Arm, what, joint, how large, since when.
+
+    One line for every named effect, joint with structure without a name, model that does not agree, effect that only an unsearched part
+    shows, and arm unlike its siblings.
+    """
     out = []
     for row in fleet.rows:
         for e in row.get("effects") or ():
@@ -80,7 +84,7 @@ def deviation_rows(fleet: Fleet) -> list[list[Any]]:
 
 
 def refit_rows(fleet: Fleet) -> list[list[str]]:
-    """Arm, and what a refit moved beyond its tolerances: `calib diagnose` names no effect for it."""
+    """Arm, and what a refit moved beyond the tolerances, for which `calib diagnose` names no effect."""
     return [[row["arm"], row["refit"]] for row in fleet.rows if row.get("refit")]
 
 
@@ -103,7 +107,7 @@ def since(effect: Mapping[str, Any]) -> str:
 
 
 def _used(row: Mapping[str, Any]) -> int | str:
-    """How many recordings were used, and of how many where one was left out; all there are of an arm that was not assessed."""
+    """Number of recordings used, with the total if any was left out; for an arm that was not assessed, the total."""
     there, left_out = len(row["logs"]), len(row["bad_logs"]) if row["status"] == "done" else 0
     return f"{there - left_out} of {there}" if left_out else there
 

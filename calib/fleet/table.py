@@ -1,4 +1,4 @@
-"""The Parquet table of a fleet: one row an arm, columns and types fixed, so that any other program reads it."""
+"""The Parquet table of a fleet: one row per arm, with fixed columns and types, so that other programs can read it."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ COLUMNS = pa.schema(
 
 
 def require_row(row: Mapping[str, Any]) -> None:
-    """ValueError or TypeError where the table has no column for what a row holds, or a column of another type."""
+    """Raise ValueError or TypeError where the table has no column for what a row holds, or a column of another type."""
     unknown = sorted(set(row) - set(COLUMNS.names))
     if unknown:
         raise ValueError(f"the fleet table has no column {unknown[0]!r}")
@@ -82,7 +82,7 @@ def require_row(row: Mapping[str, Any]) -> None:
 
 
 def write_table(path: Path, rows: Iterable[Mapping[str, Any]]) -> Path:
-    """The rows as a Parquet file; what a row does not have is null, what the columns do not know is an error."""
+    """Write the rows as a Parquet file; an entry missing from a row is null, one without a column is an error."""
     rows = list(rows)
     for row in rows:
         require_row(row)

@@ -1,4 +1,4 @@
-"""One arm, from its recordings' addresses to its answer: what a worker does. The same arm gives the same answer on any worker."""
+"""The task of a worker: one arm, from its recordings' addresses to its answer. The same arm gives the same answer on any worker."""
 
 from __future__ import annotations
 
@@ -37,12 +37,12 @@ ANSWERS: tuple[tuple[type[CalibError], ArmStatus], ...] = (
 
 
 def work_packed(job: Job) -> bytes:
-    """`work`, as bytes to travel."""
+    """`work`, as bytes for transfer."""
     return packed(work(job))
 
 
 def work(job: Job) -> Answer:
-    """The answer about one arm; an arm that cannot be assessed gives a row with the reason, and no exception."""
+    """The answer about one arm; an arm that cannot be assessed yields a row with the reason, not an exception."""
     begin = time.process_time()
     bad: list[str] = []
     if program_version() != job.program:
@@ -57,7 +57,7 @@ def work(job: Job) -> Answer:
         except CalibError as error:
             status = next((s for kind, s in ANSWERS if isinstance(error, kind)), ArmStatus.FAILED)
             return refusal(job, status, by_import(copies.sentence(error), job.arm.name), tuple(bad))
-        except Exception as error:  # one arm's defect must not take the other arms' results
+        except Exception as error:  # one arm's defect must not cost the other arms their results
             return refusal(job, ArmStatus.FAILED, f"{type(error).__name__}: {copies.sentence(error)}", tuple(bad))
 
 
@@ -65,7 +65,7 @@ def _answer(job: Job, opened: Opened, copies: Copies, begin: float) -> Answer:
     arm, out = job.arm, copies.folder / "out"
     out.mkdir()
     kept = Kept(Path(job.kept)) if job.kept else None
-    # what is held out of a long session is as short as a piece of it
+    # however long the session, at most two pieces are held out
     held = list(opened.apart)[:2]
     found = identify(arm, opened.fitted, held, kept=kept)
     calibrated = write_calibrated(out / "arm", arm, found.arm)
@@ -91,7 +91,7 @@ def _answer(job: Job, opened: Opened, copies: Copies, begin: float) -> Answer:
 
 
 def _histories(job: Job, opened: Opened, named: Diagnosis, copies: Copies) -> list[History]:
-    """The named effects in the longest piece of each older recording, oldest first, and of the newest session."""
+    """Histories of the named effects over the longest piece of each older recording, oldest first, and of the newest session."""
 
     def longest() -> Iterator[tuple[str, Log]]:
         for k, recording in enumerate(opened.older):

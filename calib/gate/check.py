@@ -1,4 +1,4 @@
-"""What a check found, and what may be the cause."""
+"""The result of a check, and its possible causes."""
 
 from __future__ import annotations
 
@@ -35,11 +35,11 @@ class GateCheck:
     detail: str
     causes: tuple[Cause, ...] = field(default=())
     joints: tuple[str, ...] = ()
-    of_all: bool = False  # about several recordings together, where it is not about each
-    final: bool = False  # failed, and nothing can be computed of the recording, however it is read
+    of_all: bool = False  # about several recordings together, not about each
+    final: bool = False  # failed, and nothing can be computed from the recording, however it is read
 
     def entry(self) -> dict[str, object]:
-        """As diagnosis.json has it: what failed, with its likeliest cause."""
+        """The check for diagnosis.json: what failed, with its likeliest cause."""
         causes = [cause.sentence for cause in self.causes]
         detail = self.detail
         if not self.ok and causes:

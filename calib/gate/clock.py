@@ -1,4 +1,4 @@
-"""What can be checked in a recording's time: its rate, its unit and the samples that are missing."""
+"""Checks of a recording's time: its rate, its unit and missing samples."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ MOST_LOST = 0.3
 
 
 def clock(log: Log) -> GateCheck:
-    """Between 5 Hz and 10 kHz an arm is recorded, by stamps that tell the samples apart."""
+    """The rate is between 5 Hz and 10 kHz, and the stamps distinguish the samples."""
     name = name_of(log)
     step = np.diff(log.t[np.isfinite(log.t)])
     short = GateCheck("clock", False, f"{name}: {len(step) + 1} samples with a time", (Cause("the recording is too short"),))
@@ -53,7 +53,7 @@ def clock(log: Log) -> GateCheck:
 
 
 def _elapsed(log: Log) -> float | None:
-    """Seconds between samples by q against dq, where both are there."""
+    """Seconds between samples from the change of q over dq; None where there are too few of both."""
     moved, speed = np.diff(log.q, axis=0), 0.5 * (log.dq[1:] + log.dq[:-1])
     ok = np.isfinite(moved) & np.isfinite(speed) & (np.abs(speed) > 0.3 * np.nanmax(np.abs(speed), initial=1e-9))
     ratio = moved[ok] / speed[ok]
@@ -61,7 +61,7 @@ def _elapsed(log: Log) -> float | None:
 
 
 def losses(log: Log) -> GateCheck:
-    """Not too many samples are missing. Samples lost under an even clock are reported, and no reason to refuse: see logs.lost_time."""
+    """Less than MOST_LOST of the samples is missing. Samples lost under an even clock are reported but not refused: see logs.lost_time."""
     step = np.diff(log.t)
     period = float(np.median(step[step > 0]))
     gaps = np.flatnonzero(step > GAP_FACTOR * period)

@@ -1,4 +1,4 @@
-"""The gate as commands call it: BadLog with the likely cause first, or the logs as they are to be read."""
+"""The gate as commands call it: BadLog with the likely cause first, or the logs as they should be read."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ from sim.resources import config_folders
 
 _OPTIONS = re.compile(r"--assume \S+?(?: --assume \S+?)*(?=[.;,]?(?:\s|$))")
 _IMPORT = "calib import "
-LEAST_MOTION, LEAST_OF_ONE = 5.0, 2.0  # s of motion for a diagnosis: in the recordings that are fitted together, and in each
+LEAST_MOTION, LEAST_OF_ONE = 5.0, 2.0  # s of motion for a diagnosis: in all fitted recordings together, and in each
 
 
 def passed(arm: Arm, assume: Sequence[str], configs: Path | None = None) -> Callable[[Log], Log]:
-    """A function of a log: itself where it is the arm's, the log read as `assume` says; BadLog with the likely causes where it is not."""
+    """A function that returns a log of the arm, read as `assume` states; it raises BadLog with the likely causes where the log is not the arm's."""
 
     def change(log: Log) -> Log:
         ordered = _ordered(log, arm)
@@ -40,7 +40,7 @@ def passed(arm: Arm, assume: Sequence[str], configs: Path | None = None) -> Call
 
 
 def read_as(log: Log, assume: Sequence[str]) -> Log:
-    """The log read as the words state, one after the other, which its metadata records; ConfigError for a word that is none."""
+    """The log read as the words state, one after the other, recorded in its metadata; ConfigError for an invalid word."""
     for c in [parsed(word, log.joint_names) for word in assume if word != AS_RECORDED]:
         log = applied(log, c)
     if AS_RECORDED in assume:
@@ -49,16 +49,16 @@ def read_as(log: Log, assume: Sequence[str]) -> Log:
 
 
 def require(arm: Arm, logs: Sequence[Log]) -> None:
-    """BadLog where one of the logs cannot be a recording of the arm."""
+    """Raise BadLog where one of the logs cannot be a recording of the arm."""
     _, refusal = examined(arm, logs)
     if refusal is not None:
         raise BadLog(refusal)
 
 
 def examined(arm: Arm, logs: Sequence[Log], fitted: Sequence[Log] = ()) -> tuple[tuple[GateCheck, ...], str | None]:
-    """The checks of every log by itself, so that good ones hide no bad one, and of all together; and why they are refused, or None.
+    """The checks of every log alone, so that good ones cannot hide a bad one, and of all together; and why they are refused, or None.
 
-    The checks end with those of the first log that is refused. fitted: those of a diagnosis, which needs motion.
+    The checks end with those of the first refused log. fitted: the logs that a diagnosis fits, which must contain motion.
     """
     checks: list[GateCheck] = []
     for log in logs:
@@ -81,37 +81,37 @@ def examined(arm: Arm, logs: Sequence[Log], fitted: Sequence[Log] = ()) -> tuple
 
 
 def _lifts(found: Gate) -> bool:
-    """Whether reading the recording as it is would be a remedy."""
+    """Whether reading the recording as it is would help."""
     return not any(check.final or (check.check == TWICE and not check.ok) for check in found.checks)
 
 
 def _message(refusal: str, log: Log | None = None, unchanged: bool = True) -> str:
-    """The refusal of a log, or of several together; unchanged: whether reading as recorded is a remedy."""
+    """The refusal of a log, or of several together; unchanged: whether to name reading as recorded as a remedy."""
     name = "these recordings" if log is None else str(log.path or "log")
-    own = "" if log is None else f"{name_of(log)}: "  # checks of readings alone begin with it
+    own = "" if log is None else f"{name_of(log)}: "  # checks of the readings alone begin with it
     text = f"{name}: {refusal.removeprefix(own)}"
     return f"{text}. To use it unchanged: --assume {AS_RECORDED}" if unchanged else text
 
 
 def by_import(sentence: str, arm: str, file: str = "LOG") -> str:
-    """A sentence of the gate for a command without `--assume`: its advice is what `calib import` does with the recording `file`.
+    """A sentence of the gate for a command without `--assume`: it advises `calib import` of the recording `file` instead.
 
     A sentence that advises no `--assume`, or has this advice already, stays as it is.
     """
     command = f"{_IMPORT}{shlex.quote(file)} --arm {arm}"
     found = sentence if _IMPORT in sentence else _OPTIONS.sub(lambda words: f"`{command} {words.group()}`", sentence)
-    return sentence if found == sentence else f"{found}; then replace the recording by the file that it writes"
+    return sentence if found == sentence else f"{found}; then replace the recording with the file that it writes"
 
 
 @cache
 def family(configs: Path | None) -> tuple[Arm, ...]:
-    """Every arm of configs/arms that can be read: what a recording may be of instead."""
+    """Every readable arm of configs/arms: those that a recording may be of instead."""
     names = sorted({file.parent.name for folder in config_folders(configs, "arms") for file in folder.glob("*/arm.toml")})
     out = []
     for name in names:
         try:
             out.append(load_arm(name, configs))
-        except ConfigError:  # an arm that is being written is no reason to refuse another one's recording
+        except ConfigError:  # an unfinished arm folder must not refuse the recording of another arm
             continue
     return tuple(out)
 
@@ -121,7 +121,7 @@ def _shipped() -> tuple[Arm, ...]:
 
 
 def _ordered(log: Log, arm: Arm) -> Log:
-    """The log's columns in the arm's order, without joints that the arm does not have; as it is where joints are missing."""
+    """The log with its columns in the arm's order, without joints that the arm does not have; unchanged where joints are missing."""
     if tuple(log.joint_names) == arm.joint_names or not set(arm.joint_names) <= set(log.joint_names):
         return log
     return log.with_joints(arm.joint_names)

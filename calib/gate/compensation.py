@@ -1,6 +1,6 @@
-"""A controller that compensates friction and leaves that out of the torque it reports: its reading falls with the speed of a joint.
+"""A controller that compensates friction and leaves it out of the torque it reports: the reading then falls with the speed of a joint.
 
-No joint does that by itself, so that a reversed sign may make the model fit better than the readings as they are.
+No joint does that by itself, so a reversed sign may make the model fit better than the readings as they are.
 """
 
 from __future__ import annotations
@@ -14,13 +14,13 @@ from calib.gate.fit import model_torque, normal
 from calib.gate.signals import Signals
 from sim.arm import Arm
 
-# Nats by which it must explain the readings better than whatever else was found: no reversed sign of a joint or of its motion passes for it (12 of
-# the tests), and none of the 500 wrong recordings of benchmarks/gate.py has another first cause with it.
+# Nats by which it must explain the readings better than anything else found. With it, no reversed sign of a joint or of its motion passes for
+# compensation (12 of the tests), and none of the 500 wrong recordings of benchmarks/gate.py gets another first cause.
 LEAST_GAIN = 0.1
 
 
 def compensated(arm: Arm, s: Signals, joints: Sequence[int], gain: float) -> list[Cause]:
-    """The joints (all for none) whose readings need a torque that grows with speed and drives them, as causes; gain: what must be exceeded."""
+    """A cause for each of the joints (all if none given) whose readings need a driving torque that grows with speed; gain: nats to exceed."""
     equations, at = normal(s, model_torque(arm, s)), np.arange(s.n)
     braked, _ = equations.solved(s.load)
     driven, theta = equations.solved(s.load, driven=True)

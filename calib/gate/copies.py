@@ -1,4 +1,4 @@
-"""No sample counts twice: a recording that is given twice, or one that holds its own samples again, as no sensor reads them."""
+"""No sample counts twice: a recording given twice, or one that repeats its own samples exactly, as no sensor does."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from calib.gate.check import Cause, GateCheck
 from calib.gate.readings import name_of
 from logs.log import Log
 
-TWICE = "recordings"  # the check of that name: each is there once
+TWICE = "recordings"  # name of the check that each is given once
 ALIKE = 0.9
-SHORTEST = 2.0  # s of motion that comes again, every reading the same to the last bit
-TRIED = 20  # samples in motion whose copy is looked for
+SHORTEST = 2.0  # s of repeated motion, with every reading equal to the last bit
+TRIED = 20  # samples in motion for which a copy is looked for
 
 
 def twice(logs: Sequence[Log]) -> GateCheck:
-    """No recording is there twice, nor a part of one: its rows would count twice, and as a check of itself it is none."""
+    """No recording, nor a part of one, is given twice: its rows would count twice, and it cannot check itself."""
     for log in logs:
         lag = _copied(log)
         if lag:
@@ -37,7 +37,7 @@ def twice(logs: Sequence[Log]) -> GateCheck:
 
 def _of_one_file(log: Log, first: str, again: str, of_all: bool) -> GateCheck:
     detail = (
-        f"{name_of(log)}: the samples from {first} stand in it again from {again}, and no sensor reads a motion twice alike"
+        f"{name_of(log)}: the samples from {first} appear again from {again}, and no sensor reads a motion twice exactly alike"
     )
     cause = Cause("one recording was copied several times into one file: give it once")
     return GateCheck(TWICE, False, detail, (cause,), of_all=of_all)
@@ -48,7 +48,7 @@ def _span(log: Log, first: int, stop: int) -> str:
 
 
 def _copied(log: Log) -> int:
-    """After how many samples the readings come again to the last bit, for SHORTEST s of motion at least; 0 where they do not."""
+    """Number of samples after which the readings repeat to the last bit, for at least SHORTEST s of motion; 0 where they do not."""
     load = np.where(np.isfinite(log.tau), log.tau, log.current)
     x = np.nan_to_num(np.concatenate([log.q, load], axis=1))
     moves = np.r_[False, (np.diff(log.q, axis=0) != 0).any(axis=1)]
@@ -58,7 +58,7 @@ def _copied(log: Log) -> int:
     for k in tried:
         for lag in np.flatnonzero((x[k + 1 :] == x[k]).all(axis=1)) + 1:
             some = tried[tried < len(x) - lag]
-            if (x[some + lag] == x[some]).all(axis=1).mean() < 0.5:  # readings in coarse steps are often the same by chance
+            if (x[some + lag] == x[some]).all(axis=1).mean() < 0.5:  # coarsely quantised readings are often equal by chance
                 continue
             both = moves[lag:] & moves[:-lag]
             if both.sum() >= least and (x[lag:] == x[:-lag])[both].all(axis=1).mean() >= ALIKE:
@@ -67,7 +67,7 @@ def _copied(log: Log) -> int:
 
 
 def same_samples(a: Log, b: Log) -> bool:
-    """Whether most samples of the shorter one stand in the longer one, position and load, as they are or rounded."""
+    """Whether most samples of the shorter log, position and load, are also in the longer one, exact or rounded."""
     short, long = (a, b) if len(a) <= len(b) else (b, a)
     if short.n != long.n:
         return False

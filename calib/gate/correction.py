@@ -1,16 +1,16 @@
-"""One way in which a recording may have to be read: a unit, a sign, a column, a clock. The same word names it for `--assume`.
+"""One way to read a recording: a unit, a sign, a column, a clock. The same words name it for `--assume`.
 
 t=ms                 instants are in ms (us, ns, min)
 q=deg  dq=deg/s      all positions are in degrees (rev), all speeds in deg/s (rpm, rev/s)
-current=mA  tau=mNm  readings of the drives in thousandths
-current=int16 tau=int16  the raw numbers are signed words that were kept as unsigned ones (65535 is -1); int32 too
+current=mA  tau=mNm  readings of the drives are in thousandths
+current=int16 tau=int16  the raw numbers are signed words that were stored as unsigned ones (65535 is -1); int32 too
 tau=current          what is recorded as torque is a current in A
 sign:tau:elbow       the sign of one joint's reading is reversed (tau: torque or current; q, dq, motion, all)
 swap:all:a,b         the columns of two joints are exchanged (tau, q, dq, or all)
-scale:tau:elbow=101  one joint's reading is so many times too large (tau, q, dq; a gear ratio)
-scale:tau=0.1        the same of all joints
-zero:q:elbow=1.5708  the position of one joint is so much, rad, too large: another zero than the model's
-shift=0.25           torque or current lags the positions by so much, s
+scale:tau:elbow=101  one joint's reading is this many times too large (tau, q, dq; a gear ratio)
+scale:tau=0.1        the same for all joints
+zero:q:elbow=1.5708  one joint's position is this many rad too large: its zero is not the model's
+shift=0.25           torque or current lags the positions by this many s
 """
 
 from __future__ import annotations
@@ -38,13 +38,13 @@ ARRAYS = {
 SIGNED = tuple(name for name in ARRAYS["all"] if name != "temperature")
 CURRENT = "tau=current"
 AS_RECORDED = "as-recorded"
-ASSUMED = "assumed"  # under which a log's metadata states how it is read
+ASSUMED = "assumed"  # the metadata key under which a log states how it is read
 
 
 @dataclass(frozen=True)
 class Correction:
-    """kind: unit, word, sign, swap, scale, zero, shift or current; part: t, q, dq, tau, current or all; joints: columns, none for all of them;
-    factor: the reading is divided by it (units, scale), less by it, rad (zero), or moved earlier by it, s (shift)."""
+    """kind: unit, word, sign, swap, scale, zero, shift or current; part: t, q, dq, motion, tau, current or all; joints: columns, none for all;
+    factor: the reading is divided by it (scale), reduced by it, rad (zero), or moved earlier by it, s (shift); unit: of unit and word."""
 
     kind: str
     part: str = "all"
@@ -53,7 +53,7 @@ class Correction:
     unit: str = ""
 
     def word(self, names: Sequence[str]) -> str:
-        """As `--assume` has it."""
+        """The word for `--assume`."""
         at = ",".join(names[j] for j in self.joints)
         match self.kind:
             case "unit" | "word":
@@ -105,7 +105,7 @@ class Correction:
 
 
 def applied(log: Log, correction: Correction) -> Log:
-    """The log read that way; its metadata says so under `assumed`."""
+    """The log read that way; its metadata record this under `assumed`."""
     c = correction
     change: dict[str, object] = {}
     match c.kind:
@@ -140,7 +140,7 @@ def applied(log: Log, correction: Correction) -> Log:
 
 
 def assumed(log: Log) -> list[str]:
-    """How a log is read, in words of `--assume`; none where its metadata state none, or not as words."""
+    """How a log is read, in words of `--assume`; empty where its metadata state none, or nothing readable."""
     try:
         words = json.loads(log.metadata.get(ASSUMED, "[]"))
     except (ValueError, RecursionError):
@@ -156,7 +156,7 @@ def _earlier(t: np.ndarray, x: np.ndarray, by: float) -> np.ndarray:
 
 
 def parsed(text: str, names: Sequence[str]) -> Correction:
-    """A word of `--assume`; ConfigError lists what there is."""
+    """The correction that a word of `--assume` names; ConfigError suggests valid words."""
     head, colon, rest = text.partition(":")
     if not colon:
         return _of_all(text)
@@ -211,5 +211,5 @@ def _factor(number: str, text: str) -> float:
     except ValueError:
         value = math.nan
     if not math.isfinite(value) or value == 0 or not 1e-9 < abs(value) < 1e9:
-        raise ConfigError(f"--assume {text!r:.80}: {number!r:.40} is no number to divide by, to take off or to shift by")
+        raise ConfigError(f"--assume {text!r:.80}: {number!r:.40} is not a number to divide by, to subtract or to shift by")
     return value

@@ -2,9 +2,9 @@
 
     y_j = a tau_j + r ddq_j + v dq_j + c tanh(dq_j / 0.02) + o,    a, r, v, c >= 0
 
-tau the torque of the arm's rigid bodies, and of the springs, couplings and pulls that its file states, along the motion. Friction takes energy, inertia is positive and gravity pulls down: a reading
-that needs one of them negative has the wrong sign, the wrong column or the wrong motion. What is left is compared between ways of reading
-the same data, never against an absolute bound: a bad model is bad either way.
+tau is the torque along the motion of the arm's rigid bodies and of the springs, couplings and pulls that its file states. Friction
+dissipates energy, inertia is positive and gravity pulls down: a reading that needs one of them negative has the wrong sign, column or
+motion. Residuals are compared between ways of reading the same data, never with an absolute bound: a bad model is bad either way.
 """
 
 from __future__ import annotations
@@ -22,26 +22,26 @@ from sim.prediction import load_on_gears
 from sim.rigid_body import RigidBody
 from sim.trajectory import Trajectory
 
-SLOW = 0.02  # rad/s, m/s of a slide: about zero speed dry friction is not of one size
+SLOW = 0.02  # rad/s, m/s of a slide: near zero speed, dry friction has no fixed size
 LEAST_ROWS = 40
-# s in motion below which a joint's readings match another way of reading by chance: of parts of 1.5 to 2.5 s of good recordings one in six did
+# s in motion below which a joint's readings match another way of reading by chance: one in six of the 1.5 to 2.5 s parts of good recordings did
 LEAST_SECONDS = 3.0
-MOVING = 0.04  # of a joint's fastest; below, its load may be anything within its dry friction
+MOVING = 0.04  # of a joint's highest speed; below, its load may be anything within its dry friction
 CORRELATED = 8.0  # neighbouring rows are not independent, and the model's own errors are not noise
-BOTH_WAYS = 0.05  # of the rows, for dry friction to be told from an offset
+BOTH_WAYS = 0.05  # of the rows, for dry friction to be distinguishable from an offset
 FEW = 1e-9
 BEFORE_GEAR = (
     Stage.ENCODER,
     Stage.FORCE,
     Stage.JOINT,
-)  # of effects that the fit has no column for; those of links are in the arm's tree
+)  # of effects for which the fit has no column; those of links are in the arm's tree
 SUBSETS = [list(at) for count in range(1, 5) for at in itertools.combinations(range(4), count)]
 
 
 @dataclass(frozen=True)
 class Normal:
-    """Normal equations of every joint: gram (n, 4, 4) of the scaled columns, norm (n, 4), rows (n,), and x (n,) the columns of a joint
-    with the rows they stand for, to put other readings against them."""
+    """Normal equations of every joint: gram (n, 4, 4) of the scaled columns, norm (n, 4) by which they were scaled, rows (n,) their number,
+    and x (n,) the row indices and columns of each joint, against which other readings are fitted."""
 
     gram: np.ndarray
     norm: np.ndarray
@@ -49,7 +49,7 @@ class Normal:
     x: list[tuple[np.ndarray, np.ndarray]]
 
     def left(self, y: np.ndarray) -> np.ndarray:
-        """(n, K) share of the columns y (R, K) that every joint's model leaves; NaN where the joint or the column is not informative."""
+        """(n, K) share of the columns y (R, K) that each joint's model leaves unexplained; NaN where joint or column is not informative."""
         size = np.full((len(self.x), y.shape[1]), np.nan)
         for j, (rows, _) in enumerate(self.x):
             if len(rows):
@@ -58,9 +58,9 @@ class Normal:
             return self.solved(y)[0] / np.where(size > 0, size, np.nan)
 
     def solved(self, y: np.ndarray, driven: bool = False) -> tuple[np.ndarray, np.ndarray]:
-        """(n, K) standard deviation of what is left, and the coefficients a, r, v, c (n, 4, K).
+        """(n, K) standard deviation of the residual, and the coefficients a, r, v, c (n, 4, K).
 
-        driven: with a torque that drives the joint in proportion to its speed instead of one that brakes it: -v for v.
+        driven: the torque in proportion to speed drives the joint instead of braking it, -v for v.
         """
         n, k = len(self.x), y.shape[1]
         own, power = np.zeros((n, 4, k)), np.full((n, k), np.nan)
@@ -76,7 +76,7 @@ class Normal:
             return np.sqrt(rest / self.rows[:, None]), theta / self.norm[:, :, None]
 
     def own(self, y: np.ndarray) -> np.ndarray:
-        """(n,) residual RMS of each joint, its column of y (R, n) fitted with its own column."""
+        """(n,) residual RMS of each joint on its own column of y (R, n)."""
         return own_of([(self, y)])[0]
 
 
@@ -84,8 +84,9 @@ class Normal:
 class GravityFit:
     """The fit of every joint's own column.
 
-    left (n,) standard deviation of what is left, NaN where the joint is not informative; size (n,) that of its readings
-    scale, scale_std (n,) a; dry (n,) c, NaN where the joint moves one way alone and c is an offset; signal (n,) standard deviation of a tau_j, the part that masses make
+    left (n,) is the standard deviation of the residual, NaN where the joint is not informative; size (n,) that of its readings; signal (n,)
+    that of a tau_j, the part due to masses. scale, scale_std (n,) are a and its standard deviation. dry (n,) is c, NaN where the joint moves
+    one way only and c is an offset.
     """
 
     left: np.ndarray
@@ -97,14 +98,14 @@ class GravityFit:
 
 
 def model_torque(arm: Arm, s: Signals) -> np.ndarray:
-    """(R, n) torque of the arm's rigid bodies along the motion, with the springs, couplings and pulls that its file states."""
+    """(R, n) torque along the motion of the arm's rigid bodies and of the springs, couplings and pulls that its file states."""
     if len(s) < 2 or not any(effect_named(e.effect).stage in BEFORE_GEAR for e in arm.effects):
         return RigidBody(arm).inverse_dynamics(s.q, s.dq, s.ddq)
     return load_on_gears(arm, trajectory(s))
 
 
 def trajectory(s: Signals) -> Trajectory:
-    """The motion, with the rows of several recordings one after another."""
+    """The motion as a trajectory, with the rows of several recordings one after another."""
     return Trajectory(np.median(np.diff(s.t)) * np.arange(len(s)), s.q, s.dq, s.ddq)
 
 
@@ -132,7 +133,7 @@ def normal(s: Signals, tau: np.ndarray) -> Normal:
 
 
 def own_of(pairs: Sequence[tuple[Normal, np.ndarray]]) -> list[np.ndarray]:
-    """For each pair of equations and readings y (R, n): (n,) residual RMS of each joint with its own column. All are solved at once."""
+    """For each pair of equations and readings y (R, n): (n,) residual RMS of each joint on its own column. All are solved at once."""
     right, power = [], []
     for equations, y in pairs:
         for j, (rows, x) in enumerate(equations.x):
@@ -170,10 +171,10 @@ def fitted(s: Signals, tau: np.ndarray) -> GravityFit:
 
 
 def moving(s: Signals) -> np.ndarray:
-    """(R, n) rows in which each joint moves; none of a joint that is hardly faster than SLOW.
+    """(R, n) rows in which each joint moves; none for a joint whose speed does not exceed SLOW in 5 % of the rows.
 
-    Of such a joint, a slow slide or an axis that nearly stands, the rows beyond half of SLOW are its peaks alone: its friction and load do
-    not change there, and whatever way of reading fits their noise would gain.
+    For such a joint, a slow slide or an axis nearly at rest, the rows beyond half of SLOW are only its peaks. Its friction and load do not
+    change there, so any way of reading that fits their noise would gain.
     """
     speed = np.abs(s.dq)
     fastest = np.quantile(speed, 0.95, axis=0) if len(speed) else np.zeros(s.n)
@@ -182,8 +183,11 @@ def moving(s: Signals) -> np.ndarray:
 
 
 def nonnegative(gram: np.ndarray, own: np.ndarray, power: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Least squares with every coefficient >= 0: gram (n, 4, 4), right sides (n, 4, K), their power (n, K); the coefficients and what is
-    left of the power. Of the subsets of columns whose free solution is feasible the best one is the solution."""
+    """Least squares with every coefficient >= 0: the coefficients (n, 4, K) and the residual power (n, K).
+
+    gram (n, 4, 4), right sides own (n, 4, K) and their power (n, K). The solution is the best feasible one among the unconstrained solutions
+    of all subsets of columns.
+    """
     best: np.ndarray = power.copy()
     theta: np.ndarray = np.zeros_like(own)
     usable = np.diagonal(gram, axis1=1, axis2=2) > 0.5

@@ -1,7 +1,8 @@
 """The same checks in the same order before import, identify, validate, diagnose, watch and fleet.
 
-What no unit, sign, column, clock or other arm explains is the model's, and passes: a wrong mass, missing friction, a placeholder. What one
-of them explains is the data's: the sentence names the likely causes, the one first that makes the arm's own model fit best.
+A misfit that no unit, sign, column, clock or other arm explains is due to the model, and passes: a wrong mass, missing friction, a
+placeholder. A misfit that one of them explains is due to the data: the refusal names the likely causes, first the one with which the arm's
+own model fits best.
 """
 
 from __future__ import annotations
@@ -36,12 +37,12 @@ TIE = 0.03  # readings whose gains differ by less are not distinguished
 UNCHECKED = "signs and columns of torques or currents cannot be checked"
 KEPT = 16
 _kept: OrderedDict[tuple[int, int, bytes], tuple[Arm, object, list[GateCheck]]] = OrderedDict()
-_keeping = Lock()  # a live watch asks from a thread of its own
+_keeping = Lock()  # a live watch calls from its own thread
 
 
 @dataclass(frozen=True)
 class Gate:
-    """checks in their order; causes of what failed, the likeliest first; refusal, a sentence, or None."""
+    """checks in their order; causes of what failed, likeliest first; refusal, a sentence, or None."""
 
     checks: tuple[GateCheck, ...]
     causes: tuple[Cause, ...]
@@ -56,10 +57,10 @@ def gate(
 ) -> Gate:
     """Whether `logs` are readings of `arm`.
 
-    `family` gives other arms that the recording may be of, when it is called. With `as-recorded` stated by every log
-    (`calib.gate.commands.read_as`), only a check that is `final` refuses. least_motion s: refused is a log with less of it.
+    `family()` returns other arms that the recording may be of. If every log states `as-recorded` (`calib.gate.commands.read_as`), only a
+    check that is `final` refuses. A log with less than least_motion s of motion is refused.
     """
-    with np.errstate(all="ignore"):  # what is left where a value is no number is a NaN, which no check takes for good
+    with np.errstate(all="ignore"):  # values that are not finite give a NaN residual, which no check accepts
         return _gate(arm, logs, family, least_motion)
 
 
@@ -81,10 +82,10 @@ def _gate(arm: Arm, logs: Sequence[Log], family: Callable[[], Sequence[Arm]] | N
 
 
 def _in_order(failed: Sequence[GateCheck]) -> tuple[Cause, ...]:
-    """What can be seen without the model first, then what makes the model fit best."""
+    """First the causes seen without the model, then those with which the model fits best."""
     seen = [cause for check in failed if check.check not in BY_MODEL for cause in check.causes]
     by_model = [cause for check in failed if check.check in BY_MODEL for cause in check.causes]
-    # a factor of a thousand is no better reason than one of ten, and both may come of a motion that is read wrongly
+    # a factor of a thousand is no stronger evidence than one of ten, and both may come from a motion that is read wrongly
     return (
         *seen,
         *sorted(by_model, key=lambda cause: -(cause.gain if cause.interval is None else min(cause.gain, MOST_OF_SIZE))),
@@ -104,7 +105,7 @@ def _refusal(failed: Sequence[GateCheck], causes: Sequence[Cause], names: Sequen
 
 
 def _examined_once(arm: Arm, logs: Sequence[Log], family: Callable[[], Sequence[Arm]] | None) -> list[GateCheck]:
-    """`_physics`; of the last KEPT questions the answer is known: identification, validation and diagnosis ask about the same recordings."""
+    """`_physics`, with the last KEPT results cached: identification, validation and diagnosis check the same recordings."""
     digest = hashlib.blake2b()
     for log in logs:
         for values in (log.t, log.q, log.dq, log.tau, log.current, log.q_cmd):
@@ -112,7 +113,7 @@ def _examined_once(arm: Arm, logs: Sequence[Log], family: Callable[[], Sequence[
     key = id(arm), id(family), digest.digest()
     with _keeping:
         known = _kept.pop(key, None)
-    # what the key tells apart by identity is kept with it
+    # the objects that the key identifies by id() are kept alive with it
     known = known or (arm, family, _physics(arm, logs, family))
     with _keeping:
         _kept[key] = known
@@ -133,7 +134,7 @@ def _physics(arm: Arm, logs: Sequence[Log], family: Callable[[], Sequence[Arm]] 
         return [GateCheck("motion", True, "nothing moves: units, signs and columns cannot be checked")]
     below = below_limits(arm, logs, load, s) if known else np.ones(len(s), dtype=bool)
     laws = [e for e in arm.effects if e.effect == "friction_law"]
-    if laws:  # friction that was fitted to such readings is no mark of a wrong column
+    if laws:  # friction that was fitted to such readings is no sign of a wrong column
         s = replace(s, load=s.load - torque_of_laws(laws, arm, trajectory(s)))
     massive = arm.prior.numbers != "unknown" and bool(np.any(arm.tree.mass > 0)) and bool(np.isfinite(s.load).any())
     speed, s = motion.speed(arm, s, massive)
@@ -144,7 +145,7 @@ def _physics(arm: Arm, logs: Sequence[Log], family: Callable[[], Sequence[Arm]] 
     if below.mean() < LEAST_BELOW:
         return [*out, GateCheck("torque", True, f"a drive is at its torque limit nearly all the time: {UNCHECKED}")]
     before = s = s.rows(below)
-    if known:  # what else is wrong shows beside gravity as it pulls
+    if known:  # what else is wrong is judged with gravity as it actually pulls
         stands, arm, (found, rivals, s) = pull_of_gravity(arm, before, lambda mounted: _read(mounted, before))
         out.append(stands)
     else:
@@ -165,7 +166,7 @@ def _physics(arm: Arm, logs: Sequence[Log], family: Callable[[], Sequence[Arm]] 
 
 
 def _read(arm: Arm, s: Signals) -> Reading:
-    """`steps`, without those that something missing in the model explains as well."""
+    """`steps`, with no corrections where the first is doubtful or something missing from the model explains it."""
     found, rivals, corrected = steps(arm, s, SHIFTS)
     if found and (doubtful(arm, found[0]) or is_missing(arm, s, found[0])):
         return [], rivals, s
@@ -173,7 +174,7 @@ def _read(arm: Arm, s: Signals) -> Reading:
 
 
 def _loads(arm: Arm, logs: Sequence[Log]) -> tuple[list[np.ndarray], np.ndarray, bool]:
-    """Torques of every log, which joints' are from a current, and whether N m: without a torque constant a current stays one."""
+    """Torques of every log, which joints' come from a current, and whether all are in N m: without a torque constant a current stays a current."""
     constant = arm.torque_constant
     out = []
     from_current = np.zeros(arm.n, dtype=bool)

@@ -1,8 +1,8 @@
-"""Does gravity pull as in the arm's model? An arm on a wall or a ceiling whose model stands on the floor.
+"""Whether gravity pulls as in the arm's model: the arm may hang on a wall or a ceiling while its model stands on the floor.
 
     y_j - tau_j(g = 0) = sum_k g_k G_jk(q) + r ddq_j + v dq_j + c tanh(dq_j / 0.02) + o
 
-G_jk the torque that gravity of one m/s^2 along axis k of the base frame takes: linear in the three numbers g, common to all joints.
+G_jk is the torque due to gravity of 1 m/s^2 along axis k of the base frame: linear in the three numbers g, which all joints share.
 """
 
 from __future__ import annotations
@@ -22,23 +22,23 @@ from calib.gate.signals import Signals
 from sim.arm import Arm
 from sim.rigid_body import RigidBody
 
-# deg, nats by which it must explain more, each with a load and a pull, than the arm as modelled. Of 432 good recordings of 216 arms of exams none
-# had more than 7 deg or 0.5 nats, turned arms 3.9 to 9.9 nats; a base that is less askew is found by diagnosis (base_tilt)
+# deg, and nats by which the turned arm must explain more than the arm as modelled, each with a load and a pull. Of 432 good recordings of 216
+# arms of exams none had more than 7 deg or 0.5 nats; turned arms had 3.9 to 9.9 nats. Diagnosis finds a smaller tilt of the base (base_tilt).
 LEAST_ANGLE, LEAST_GAIN = 60.0, 1.0
 TIE = 0.1  # nats: an arm that hangs may also be one whose first horizontal axis has another zero
-SHOWN = 0.05  # of a joint's readings, that gravity must be able to make
-LEAST_JOINTS = 2  # that gravity loads: of one alone it is the zero of its encoder
-# at joints whose readings vary by less than a third of what gravity would make there is none where it explains less than this part of them, or is
-# less than this part of itself
+SHOWN = 0.05  # of a joint's readings, which gravity must be able to cause
+LEAST_JOINTS = 2  # that gravity loads: for one alone, the zero of its encoder explains as much
+# gravity is missing if, at joints whose readings vary by less than 1/LARGE of what it would cause, it explains less than UNSEEN of every one, or
+# its fitted size is below SMALL of the model's
 LARGE, UNSEEN, SMALL = 3.0, 0.3, 0.15
 
 Reading = tuple[list[GainStep], list[GainStep], Signals]  # `calib.gate.search.steps`
 
 
 def pull_of_gravity(arm: Arm, s: Signals, read: Callable[[Arm], Reading]) -> tuple[GateCheck, Arm, Reading]:
-    """The check, the arm as the readings show it to be mounted (as it is where gravity pulls as modelled or not surely otherwise), and its reading.
+    """The check, the arm mounted as the readings show it (unchanged unless gravity clearly pulls in another direction), and its reading.
 
-    read: what else is wrong with the recording if it is of an arm that is mounted so; another way to read it explains as much as a turn at times.
+    read(arm): what else is wrong with the recording of an arm mounted like that. Sometimes another way to read it explains as much as a turn.
     """
     passed = GateCheck(
         "gravity", True, "gravity pulls in the direction of the arm's model, or its direction cannot be determined"
@@ -64,12 +64,12 @@ def pull_of_gravity(arm: Arm, s: Signals, read: Callable[[Arm], Reading]) -> tup
 
 
 def no_gravity(arm: Arm, s: Signals) -> list[GateCheck]:
-    """The check that fails where gravity ought to show at several joints and does at none; to ask where no other way to read explains the readings."""
+    """The failed check if several joints should show gravity and do not, else no check; for readings that no other way of reading explains."""
     shown = _shown(arm, s)
     if shown is None or not shown.missing:
         return []
     cause = (
-        "the torque (or current) leaves out gravity, which the controller takes off what it reports, or the model is missing springs or counterweights "
+        "the torque (or current) leaves out gravity, which the controller subtracts from what it reports, or the model is missing springs or counterweights "
         "that carry the arm; record the torque or current of the motors, or state the springs"
     )
     detail = "no gravity shows in the torque (or current)"
@@ -78,7 +78,7 @@ def no_gravity(arm: Arm, s: Signals) -> list[GateCheck]:
 
 @dataclass(frozen=True)
 class Shown:
-    """Gravity as the readings show it: (3,) m/s^2 in the base frame, of the model's size; angle deg to the model's; or none at all."""
+    """Gravity as the readings show it: (3,) m/s^2 in the base frame, of the model's size; angle deg to the model's; missing: none shows."""
 
     gravity: np.ndarray
     angle: float
@@ -86,7 +86,7 @@ class Shown:
 
 
 def _shown(arm: Arm, s: Signals) -> Shown | None:
-    """None where fewer than LEAST_JOINTS joints show gravity, or would."""
+    """Gravity as the readings show it; None where fewer than LEAST_JOINTS joints can show it."""
     modelled, size = arm.gravity, float(np.linalg.norm(arm.gravity))
     body, still = RigidBody(arm), np.zeros_like(s.q)
     columns = np.stack([body.inverse_dynamics(s.q, still, still, gravity=axis) for axis in np.eye(3)], axis=2)
@@ -119,7 +119,7 @@ def _shown(arm: Arm, s: Signals) -> Shown | None:
 
 
 def _left(arm: Arm, s: Signals) -> list[np.ndarray]:
-    """(n,) what the arm leaves of each joint: alone, with a load, and with a load and a pull."""
+    """(n,) residuals of each joint: of the arm alone, with a load, and with a load and a pull."""
     plain = fitted(s, model_torque(arm, s))
     found = [plain.left]
     for beside, scaled in itertools.product(((), ("pull",)), (True, False)):

@@ -1,4 +1,4 @@
-"""What a model may lack that looks like a wrong reading: a load, a tilted base or a constant pull, a spring at a joint, a coupled transmission."""
+"""What may be missing from a model and look like a wrong reading: a load, a tilted base, a constant pull, a joint spring, a coupled transmission."""
 
 from __future__ import annotations
 
@@ -14,16 +14,17 @@ from calib.gate.signals import SHIFTS, Signals
 from sim.arm import Arm
 from sim.rigid_body import RigidBody
 
-LIGHT = 0.05  # of the arm's mass, that a load may come out below zero where the model's own masses are too large
+LIGHT = 0.05  # of the arm's mass, by which a load may come out negative where the model's own masses are too large
 
 
 def mounting_torque(
     arm: Arm, s: Signals, fit: GravityFit, beside: Sequence[str] = ("tilt", "pull"), scaled: bool = True
 ) -> np.ndarray:
-    """(R, n) torque of a load at the flange (a mass and its centre), and `beside` it of a tilted base and a constant pull on the last link,
-    that explain best what `fit` leaves. scaled: every joint's readings may have a scale of their own; else the arm's masses are as stated.
+    """(R, n) torque of a load at the flange (a mass and its centre) and, `beside` it, of a tilted base and a constant pull on the last link,
+    fitted to the readings that `fit` leaves unexplained. scaled: every joint's readings have a scale of their own; else the arm's masses hold as stated.
 
-    The load has a mass that an arm carries; alone, it is zero where it would have none. A tool, a workpiece, a wedge below the base and a hose make neither another arm nor another column.
+    The load's mass stays below the arm's; fitted alone, it is dropped where it reaches a bound. A tool, a workpiece, a wedge below the base
+    and a hose make neither another arm nor another column.
     """
     body, tau = RigidBody(arm), model_torque(arm, s)
     columns = body.regressor(s.q, s.dq, s.ddq)[:, :, 10 * (arm.n - 1) : 10 * (arm.n - 1) + 4]
@@ -54,19 +55,19 @@ def mounting_torque(
     design = np.concatenate(x)
     size = np.maximum(np.linalg.norm(design, axis=0), 1e-12)
     found = lsq_linear(design / size, np.concatenate(y), (lowest * size, most * size))
-    if not beside and found.active_mask[0]:  # beside nothing else, a load that is none
+    if not beside and found.active_mask[0]:  # fitted alone, a load whose mass is at a bound is no load
         return np.zeros_like(tau)
     out: np.ndarray = columns @ (found.x / size)
     return out
 
 
 def is_missing(arm: Arm, s: Signals, found: GainStep) -> bool:
-    """Whether something that a model may lack explains more than a correction does, and leaves nothing to correct.
+    """Whether something missing from the model explains more than a correction does, and leaves nothing to correct.
 
-    Of the mounting it is asked with a scale of each joint's readings left free, and with the arm's masses as they are stated: free scales leave
-    little to tell a load by where each joint moves little. A spring and a transmission at the joints of the correction fit anything a
-    little, so that they must explain SURE_GAIN more. Wrong signs of a wrist whose transmission is coupled (exam seed 26113071) gained 0.1 and the
-    coupling 1.0; of a slide on a spring 0.3 and the spring 5.
+    The mounting is tried with a free scale of each joint's readings, and with the arm's masses as stated: with free scales a load hardly
+    shows where each joint moves little. A spring or a transmission at the joints of the correction fits anything a little, so it must
+    explain SURE_GAIN more. For a wrist whose transmission is coupled (exam seed 26113071), wrong signs gained 0.1 and the coupling 1.0; for
+    a slide on a spring, 0.3 and the spring 5.
     """
     plain = fitted(s, model_torque(arm, s))
     loads = (mounting_torque(arm, s, plain, scaled=free) for free in (True, False))
@@ -80,7 +81,7 @@ def is_missing(arm: Arm, s: Signals, found: GainStep) -> bool:
 
 
 def without_springs(arm: Arm, s: Signals, joints: Sequence[int]) -> Signals:
-    """The rows without the torque of a spring at each of some joints where one explains SURE_GAIN more: its size is not that of masses."""
+    """The rows without the torque of a joint spring, at those of the joints where it explains SURE_GAIN more: it is not due to masses."""
     tau = model_torque(arm, s)
     beside = replace(s, load=s.load - _joint_torque(arm, s, joints, _spring, 0.0))
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -89,19 +90,19 @@ def without_springs(arm: Arm, s: Signals, joints: Sequence[int]) -> Signals:
 
 
 def without_mounting(arm: Arm, s: Signals, fit: GravityFit) -> Signals:
-    """The rows without a load, a tilted base and a constant pull where these explain SURE_GAIN more than `fit` with the masses as they are stated."""
+    """The rows without a load, a tilted base and a constant pull where these, with masses as stated, explain SURE_GAIN more than `fit`."""
     beside = replace(s, load=s.load - mounting_torque(arm, s, fit, scaled=False))
     ratio = np.log(fit.left / fitted(beside, model_torque(arm, s)).left)
     return beside if float(ratio[np.isfinite(ratio)].sum()) > SURE_GAIN else s
 
 
 def _spring(s: Signals, j: int) -> np.ndarray:
-    """(R, 1): a spring pulls back."""
+    """(R, 1) column of a spring: the joint's angle."""
     return s.q[:, [j]]
 
 
 def _coupling(s: Signals, j: int) -> np.ndarray:
-    """(R, k): inertia and friction of a motor that the joint before it turns too, in either direction."""
+    """(R, k) columns of inertia and friction of a motor that the previous joint also turns, in either direction."""
     if j == 0:
         return np.zeros((len(s), 0))
     before, own = s.dq[:, j - 1], s.dq[:, j]
@@ -111,7 +112,7 @@ def _coupling(s: Signals, j: int) -> np.ndarray:
 def _joint_torque(
     arm: Arm, s: Signals, joints: Sequence[int], columns: Callable[[Signals, int], np.ndarray], least: float
 ) -> np.ndarray:
-    """(R, n) torque of the columns (R, k), with coefficients of at least `least`, fitted beside those of calib.gate.fit at some joints."""
+    """(R, n) torque of extra columns (R, k) at some joints, with coefficients of at least `least`, fitted with those of calib.gate.fit."""
     tau, in_motion, out = model_torque(arm, s), moving(s), np.zeros(s.load.shape)
     for j in joints:
         rows, extra = np.flatnonzero(in_motion[:, j] & np.isfinite(s.load[:, j])), columns(s, j)
@@ -129,7 +130,7 @@ def _joint_torque(
 
 
 def _explains(arm: Arm, s: Signals, plain: GravityFit, missing: np.ndarray, gain: float) -> bool:
-    """Whether a torque (R, n) that the model lacks lowers the residuals by more than `gain` nats, with no correction left that helps."""
+    """Whether a missing torque (R, n) lowers the residuals by more than `gain` nats and leaves no correction that helps."""
     beside = replace(s, load=s.load - missing, late=s.late - missing)
     ratio = np.log(plain.left / fitted(beside, model_torque(arm, s)).left)
     return float(ratio[np.isfinite(ratio)].sum()) > gain and not steps(arm, beside, SHIFTS)[0]

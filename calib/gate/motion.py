@@ -1,4 +1,4 @@
-"""Do position and speed go together, and within what the arm can do? Units, gears, signs and columns of the motion alone."""
+"""Whether position and speed agree, and stay within what the arm can do: units, gears, signs and columns of the motion alone."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from sim.arm import Arm
 
 OF_SPEED = {57.29578: ("dq", "deg/s"), 9.549297: ("dq", "rpm"), 0.1591549: ("dq", "rev/s"), 0.01745329: ("q", "deg")}
 GEAR_LEAST = 5.0
-MOST_ODD = 0.34  # of the joints may have a speed of their own where a unit is common to the others
+MOST_ODD = 0.34  # of the joints may deviate where the others share a unit
 FAST_SHARE = 0.05
 
 
 def speed(arm: Arm, s: Signals, massive: bool) -> tuple[GateCheck, Signals]:
-    """The speed reading must be the derivative of the position; the rows come back with their likely cause undone."""
+    """Whether the speed reading is the derivative of the position; the rows, with the position corrected if it is the likely cause."""
     table, comparable = readings.ratios(s), readings.comparable(s)
     own = np.diagonal(table)
     with np.errstate(invalid="ignore"):
@@ -80,7 +80,7 @@ def _of_ratio(own: np.ndarray, comparable: np.ndarray, wrong: np.ndarray) -> lis
 
 
 def _of_columns(table: np.ndarray, wrong: np.ndarray) -> list[Correction]:
-    """Two joints whose speeds stand in each other's column; a speed that goes with its own position, by whatever factor, does not."""
+    """Swaps of two joints whose speeds are in each other's column; a speed that follows its own position, by whatever factor, is not."""
     out = []
     wrong = wrong & ~np.isfinite(np.diagonal(table))
     for j in np.flatnonzero(wrong):
@@ -92,7 +92,8 @@ def _of_columns(table: np.ndarray, wrong: np.ndarray) -> list[Correction]:
 
 
 def _gain_of(arm: Arm, s: Signals, way: Correction) -> float:
-    """How much better the model fits; a correction of the speed alone changes nothing, and is accepted where that of the position fits worse."""
+    """How much better the model fits, in nats. A correction of the speed alone changes nothing; its constant value lets it come first where
+    that of the position fits worse."""
     if way.part == "dq":
         return LEAST_GAIN / 2
     before = fitted(s, model_torque(arm, s)).left
@@ -104,12 +105,12 @@ def _gain_of(arm: Arm, s: Signals, way: Correction) -> float:
 
 
 def limits(arm: Arm, logs: Sequence[Log], s: Signals, massive: bool, known: bool) -> tuple[GateCheck, Signals]:
-    """Positions within the joints' range, and no faster than they can."""
+    """Whether positions stay within the joints' range and speeds within their limits; the rows with the likely cause undone where it is clear."""
     beyond = np.max([readings.over_range(log, arm) for log in logs], axis=0) > readings.SHARE
     fast = readings.over_speed(s, arm) > FAST_SHARE
     low, high = s.q.min(axis=0), s.q.max(axis=0)
     if np.all((low > arm.q_min - readings.OVER_RANGE) & (high < arm.q_max + readings.OVER_RANGE)):
-        beyond[:] = False  # undone already by what was found from the speed
+        beyond[:] = False  # already undone by the correction found from the speed
     wrong = beyond & ~_turns_freely(arm, s) | fast
     if not wrong.any():
         return GateCheck("limits", True, "positions and speeds are within the arm's limits"), s
@@ -134,7 +135,7 @@ def limits(arm: Arm, logs: Sequence[Log], s: Signals, massive: bool, known: bool
     if massive and (not ways or max(gains) < LEAST_GAIN):
         fit = fitted(s, model_torque(arm, s))
         log_scale = scale.scale_of(arm, s, fit).log_scale
-        if not known and np.isfinite(log_scale).sum() > 1:  # currents whose torque constant nobody states: alike at all joints
+        if not known and np.isfinite(log_scale).sum() > 1:  # currents without a stated torque constant: alike at all joints
             log_scale = log_scale - np.nanmedian(log_scale)
         if np.isfinite(log_scale).any() and np.nanmedian(np.abs(log_scale)) < math.log(scale.ODD) and not (fast & beyond).any():
             return GateCheck("limits", True, f"{what}; the arm's masses fit, so the stated limits are too narrow"), s
@@ -146,14 +147,16 @@ def limits(arm: Arm, logs: Sequence[Log], s: Signals, massive: bool, known: bool
     if not causes:
         causes = (Cause("the readings are in another unit, or of another arm"),)
     undone = bool(ways) and ways[order[0]].kind != "scale"
-    if undone and massive:  # a position of next to nothing has no gravity to be wrong about: another reading may explain more
+    if (
+        undone and massive
+    ):  # gravity hardly varies over a position near zero and contradicts nothing: another reading may explain more
         rivals = ranked(arm, s, SHIFTS)[:1]
         undone = gains[order[0]] >= max([LEAST_GAIN, *(step.gain for step in rivals)])
     return GateCheck("limits", False, what, causes, names), read_as(s, ways[order[0]]) if undone else s
 
 
 def _turns_freely(arm: Arm, s: Signals) -> np.ndarray:
-    """(n,) joints at whose every angle the arm's model is the same: nothing but a stop would keep such a joint from turning on."""
+    """(n,) joints whose angle does not affect the arm's model: only a hard stop would keep such a joint from turning on."""
     few = _every(s, max(1, len(s) // 50))
     here = model_torque(arm, few)
     out = np.zeros(arm.n, dtype=bool)

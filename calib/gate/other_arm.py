@@ -1,4 +1,4 @@
-"""Whether the readings are another arm's: one that explains their shape and size better than the arm that is named."""
+"""Whether the readings are of another arm: one that explains their shape and size better than the named arm."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from calib.gate.missing import mounting_torque
 from calib.gate.signals import Signals
 from sim.arm import Arm
 
-OTHER_SHAPE, OTHER_GAIN = 0.15, 0.4  # how much better another arm must fit, in shape, and with the size
-OTHER_LEFT, OTHER_SCALE = 0.1, 1.15  # what is left, or the scale, from which another arm is looked for
+OTHER_SHAPE, OTHER_GAIN = 0.15, 0.4  # nats by which another arm must fit better: in shape, and in shape and size
+OTHER_LEFT, OTHER_SCALE = 0.1, 1.15  # residual share, or scale, from which another arm is looked for
 SPREAD_OF_SCALE = 0.4
 
 
 def other_arm(
     arm: Arm, s: Signals, fit: GravityFit, sizes: Sequence[Cause], family: Callable[[], Sequence[Arm]] | None
 ) -> Cause | None:
-    """Another arm of as many joints, where it explains shape and size of the readings better than this one, its unit put right."""
+    """Another arm with as many joints that explains shape and size of the readings better than this one with its unit corrected, or None."""
     if family is None:
         return None
     log_scale = scale.scale_of(arm, s, fit).log_scale
@@ -49,7 +49,7 @@ def other_arm(
 
 
 def _loaded(arm: Arm, s: Signals, fit: GravityFit, beside: Sequence[str], scaled: bool) -> tuple[float, float]:
-    """`_merit` of the arm with what is mounted, as `mounting_torque` finds it."""
+    """`_merit` of the arm with what `mounting_torque` finds mounted."""
     held = replace(s, load=s.load - mounting_torque(arm, s, fit, beside, scaled))
     loaded = fitted(held, model_torque(arm, held))
     return _merit(replace(loaded, size=fit.size), scale.scale_of(arm, held, loaded).log_scale)

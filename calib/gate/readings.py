@@ -1,4 +1,4 @@
-"""What can be checked in a recording from itself and the arm's limits alone: joints, clock, range, frozen readings, the same log twice."""
+"""Checks of a recording by itself and the arm's limits alone: joints, values, frozen readings, loads, motion, range and speed."""
 
 from __future__ import annotations
 
@@ -17,25 +17,25 @@ from logs.words import finding, wrapped
 from sim.arm import Arm
 
 MOST = 1e9
-FROZEN = 0.5  # s with every reading of a joint the same to the last bit while others move
+FROZEN = 0.5  # s with every reading of a joint equal to the last bit while others move
 OVER_RANGE, OVER_SPEED, OVER_LOAD = 0.2, 2.5, 3.0  # rad beyond the limits; times dq_max; times tau_max
-USUAL, BETWEEN, OVER_OFFSET = 0.8, 0.2, 1.5  # share of samples of a joint's own size; of those beyond; times tau_max
+USUAL, BETWEEN, OVER_OFFSET = 0.8, 0.2, 1.5  # share of samples within a joint's own limit; of those beyond; times tau_max
 MOVES, FAST, MOVED = 0.05, 0.1, 0.1  # rad/s, share of the fastest, rad
 SHARE = 0.005  # of the samples
-FACTOR = 2.2  # dq over dq/dt of q: units and gears are beyond, filters within
+FACTOR = 2.2  # dq over the derivative of q: units and gears are beyond, filters within
 NEAR = 1.25  # a ratio is a unit's factor within this
 LEAST_ROWS = 40
 ALIKE = 0.9
-STRETCH, STROKE = 0.5, 5e-3  # s, rad: a joint that goes farther in that time moves, and its encoder does not flicker
+STRETCH, STROKE = 0.5, 5e-3  # s, rad: a joint that travels farther in that time moves; a flickering encoder does not reach it
 
 
 def name_of(log: Log) -> str:
-    """How sentences call a log."""
+    """The name of a log in sentences."""
     return log.path.name if log.path else "log"
 
 
 def joints(log: Log, arm: Arm) -> GateCheck:
-    """The columns must be the arm's joints, by name."""
+    """The columns are the arm's joints, by name."""
     name = name_of(log)
     if tuple(log.joint_names) == arm.joint_names:
         return GateCheck("joints", True, f"{name}: the joints are the arm's")
@@ -58,7 +58,7 @@ def joints(log: Log, arm: Arm) -> GateCheck:
 
 
 def values(log: Log) -> GateCheck:
-    """Numbers that some unit of some arm can have: instants that are finite, nothing infinite, nothing beyond 1e9."""
+    """Values are possible for some arm in some unit: finite instants, nothing infinite, nothing beyond 1e9."""
     name = name_of(log)
     if not np.isfinite(log.t).all():
         return GateCheck(
@@ -77,7 +77,7 @@ def values(log: Log) -> GateCheck:
 
 
 def words(log: Log) -> GateCheck:
-    """No reading of a drive is a signed word that was kept as an unsigned one."""
+    """No reading of a drive is a signed word that was stored as an unsigned one."""
     name = name_of(log)
     for channel in DRIVE:
         for j, column in enumerate(getattr(log, channel).T):
@@ -90,12 +90,12 @@ def words(log: Log) -> GateCheck:
 
 
 def frozen(log: Log) -> GateCheck:
-    """No joint's position and load stand to the last bit while others move, or while a speed that stands as well says that one does."""
+    """No joint's position and load stay equal to the last bit while others move, or while a speed that is equally constant shows motion."""
     name, period = name_of(log), log.period
     load = np.where(np.isfinite(log.tau).any(axis=0), log.tau, log.current)
     still = (np.diff(log.q, axis=0) == 0) & (np.diff(load, axis=0) == 0)
     moving_any = ~(np.diff(log.q, axis=0) == 0).all(axis=1)
-    with np.errstate(invalid="ignore"):  # a speed that says motion, of a position that stands
+    with np.errstate(invalid="ignore"):  # a constant speed that shows motion
         stands = (np.diff(log.dq, axis=0) == 0).all(axis=1)
         fast = np.abs(log.dq) > np.maximum(MOVES, FAST * np.nanmax(np.abs(log.dq), axis=0, initial=0.0))
         moving_any |= stands & fast.any(axis=1)[1:]
@@ -113,7 +113,7 @@ def frozen(log: Log) -> GateCheck:
 
 
 def loads(log: Log, load: np.ndarray, arm: Arm) -> GateCheck:
-    """load (N, n) N m: no joint gives now and then, or all the time by one offset, what its drive cannot give, its other readings being of its size."""
+    """No joint's torque exceeds what its drive can give, in single samples or by a constant offset, while the rest has the right size; load (N, n) N m."""
     name, most = name_of(log), np.where(arm.tau_max > 0, arm.tau_max, np.inf)
     load = np.where(np.isfinite(load).any(axis=0), load, 0.0)
     size = np.abs(load)
@@ -135,12 +135,12 @@ def loads(log: Log, load: np.ndarray, arm: Arm) -> GateCheck:
         return GateCheck("loads", False, detail, (Cause(f"single readings of {joint} are damaged: leave out those samples"),))
     if steady[j] and abs(middle[j]) > OVER_OFFSET * most[j] and usual[others].all():
         detail = f"{name}: torque of {joint} is {middle[j]:.4g} N m in the median, {limit}"
-        return GateCheck("loads", False, detail, (Cause(f"the torque (or current) of {joint} has an offset: take it off"),))
+        return GateCheck("loads", False, detail, (Cause(f"the torque (or current) of {joint} has an offset: subtract it"),))
     return good
 
 
 def silent(log: Log, load: np.ndarray) -> GateCheck:
-    """Of an arm that moves, not every joint's torque (or current) is one and the same number throughout."""
+    """While the arm moves, at least one joint's torque (or current) is not constant."""
     name = name_of(log)
     read = load[:, np.isfinite(load).all(axis=0)]
     moved = float(np.fmax.reduce(np.fmax.reduce(log.q) - np.fmin.reduce(log.q)))
@@ -156,7 +156,7 @@ def _longest(flags: np.ndarray) -> int:
 
 
 def seconds_of_motion(log: Log) -> float:
-    """s with a joint in motion."""
+    """Seconds with a joint in motion."""
     place = ((log.t - log.t[0]) / STRETCH).astype(int)
     first = np.flatnonzero(np.r_[True, np.diff(place) > 0])
     q = np.where(np.isfinite(log.q), log.q, np.nan)
@@ -167,9 +167,9 @@ def seconds_of_motion(log: Log) -> float:
 
 
 def motion(logs: Sequence[Log], least: float) -> GateCheck:
-    """At least `least` seconds with a joint in motion, in all of them together."""
+    """At least `least` seconds with a joint in motion, in all logs together."""
     seconds = sum(seconds_of_motion(log) for log in logs)
-    # rounded down, so that what is too short does not read like enough
+    # rounded down, so that a motion that is too short does not look long enough
     found = f"{math.floor(10 * seconds) / 10:.1f} s with a joint in motion"
     detail = f"{name_of(logs[0])}: {found}" if len(logs) == 1 else f"{found} in {len(logs)} recordings"
     if seconds >= least:
@@ -179,7 +179,7 @@ def motion(logs: Sequence[Log], least: float) -> GateCheck:
 
 
 def ratios(s: Signals) -> np.ndarray:
-    """(n, n) dq of column k over the derivative of q of joint j, where they go together; NaN where they do not or nothing moves."""
+    """(n, n) dq of column k over the derivative of q of joint j; NaN where they are not correlated or nothing moves."""
     out = np.full((s.n, s.n), np.nan)
     in_motion = moving(s)
     for j in range(s.n):

@@ -1,4 +1,4 @@
-"""Is the torque (or current) of the right size? The scale of every joint's reading against the arm's masses, its limits and its siblings."""
+"""Whether the torque (or current) has the right size: the scale of every joint's reading against the arm's masses, its limits and the other joints."""
 
 from __future__ import annotations
 
@@ -14,22 +14,22 @@ from calib.gate.readings import OVER_LOAD, SHARE
 from calib.gate.signals import Signals
 from sim.arm import Arm
 
-# Share of a joint's reading that its masses make, for its scale to be estimated; and more than what nothing explains.
+# Share of a joint's reading that masses must cause for its scale to be estimated; they must also cause more than the residual.
 INFORMATIVE = 0.12
 SURE = 4.0  # standard deviations
 ODD, ODD_ALONE, ODD_LOADED = (
     4.0,
     6.0,
     30.0,
-)  # a scale beyond is no error of a model: of all joints alike, of one against the others, and where a load may be it
+)  # a scale beyond is no model error: of all joints alike, of one against the others, and of one where a load may be the cause
 PATTERN = 2.2  # readings fit a unit within this
 DRY_ODD = 12.0  # dry friction of one joint, as a share of tau_max, against that of the others
-LEAST_LEFT = 0.6  # a fit that leaves more does not determine a scale
+LEAST_LEFT = 0.6  # a fit with a larger share of residual does not determine a scale
 
 
 @dataclass(frozen=True)
 class Scale:
-    """log_scale (n,) ln a, and its std; NaN where a joint is not informative; impossible (n,) joints with readings beyond any that they can give."""
+    """log_scale (n,) is ln a, with its std; NaN where a joint is not informative; impossible (n,): joints with readings that they cannot give."""
 
     log_scale: np.ndarray
     std: np.ndarray
@@ -55,9 +55,9 @@ def scale_of(arm: Arm, s: Signals, fit: GravityFit) -> Scale:
 
 
 def causes(arm: Arm, s: Signals, fit: GravityFit, from_current: np.ndarray, known_unit: bool) -> list[Cause]:
-    """Likely causes of readings that are of the wrong size, best first; none where their size is right or cannot be estimated.
+    """Likely causes of readings of the wrong size, best first; none where the size is right or cannot be estimated.
 
-    from_current (n,) joints whose reading is a current; known_unit: whether it was made a torque by a known constant.
+    from_current (n,): joints whose reading is a current; known_unit: whether all readings are in N m.
     """
     scale = scale_of(arm, s, fit)
     found: list[Cause] = []
@@ -112,7 +112,7 @@ def _alone(arm: Arm, scale: Scale, common: float, fit: GravityFit) -> list[Cause
     """One joint's reading against those of the others: by its masses, else by its dry friction."""
     out = []
     whole = fit.size / np.where(arm.tau_max > 0, arm.tau_max, np.nan)
-    # less dry friction than what nothing explains has no size to compare, as where a joint is without any
+    # dry friction below the residual has no size to compare, for example where a joint has none
     shown = (fit.dry > fit.left) & (fit.left < LEAST_LEFT * fit.size)
     share = np.where(shown & (arm.tau_max > 0), fit.dry / arm.tau_max, np.nan)
     for j, name in enumerate(arm.joint_names):
@@ -129,7 +129,7 @@ def _alone(arm: Arm, scale: Scale, common: float, fit: GravityFit) -> list[Cause
             if not np.isfinite(share[j]) or len(rest) < 2 or np.ptp(np.log(rest)) > 2 * math.log(DRY_ODD):
                 continue
             off = math.log(share[j] / float(np.median(rest)))
-            # a joint may be without dry friction; in another unit all of its reading is small
+            # a joint may have no dry friction; in another unit its whole reading is small
             small = whole[j] * DRY_ODD < float(np.nanmedian(whole[others]))
             odd = abs(off) > math.log(DRY_ODD) and (share[j] > max(rest) * 3 or (small and share[j] < min(rest) / 3))
         if odd:
@@ -140,7 +140,7 @@ def _alone(arm: Arm, scale: Scale, common: float, fit: GravityFit) -> list[Cause
 
 
 def _dry_too(share: np.ndarray, j: int, off: float) -> bool:
-    """A unit or a gear ratio scales dry friction as well; a load at the flange makes a wrist's masses ten times too light, and no more."""
+    """Whether dry friction has the same scale, as with a unit or a gear ratio; a load only makes a wrist's masses up to ten times too light."""
     rest = np.delete(share, j)
     rest = rest[np.isfinite(rest)]
     if not np.isfinite(share[j]) or len(rest) < 2:
@@ -149,7 +149,7 @@ def _dry_too(share: np.ndarray, j: int, off: float) -> bool:
 
 
 def _beyond(arm: Arm, s: Signals, scale: Scale, from_current: np.ndarray) -> list[Cause]:
-    """Readings that the arm cannot give, where masses are not informative; a scale that the masses confirm makes the stated limit wrong instead."""
+    """Causes of readings that the arm cannot give, where masses are not informative; where masses confirm the scale, the stated limit is wrong."""
     right = scale.informative & (np.abs(np.where(scale.informative, scale.log_scale, np.inf)) < math.log(ODD))
     wrong = scale.impossible & ~right
     if not wrong.any() or (scale.impossible & right).any():

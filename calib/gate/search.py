@@ -1,7 +1,7 @@
-"""Which way of reading the same data makes the arm's own model fit: the best one first, then the best one after that.
+"""Ways of reading the same data with which the arm's own model fits: the best one first, then the best one after it.
 
-The gain of a reading is sum_j ln(left before / left after), over the informative joints. Columns and signs of torques or currents are tried
-all at once (every column against every joint); a reversed or exchanged motion needs the model's torque anew.
+The gain of a reading is sum_j ln(residual before / residual after), over the informative joints. Columns and signs of torques or currents
+are tried all at once (every column against every joint); a reversed or exchanged motion needs a new torque of the model.
 """
 
 from __future__ import annotations
@@ -18,16 +18,21 @@ from calib.gate.fit import Normal, model_torque, normal, own_of
 from calib.gate.signals import Signals
 from sim.arm import Arm
 
-LEAST_GAIN = 0.07  # no wrong reading of a good recording gained as much in every part of it
-SURE_GAIN = 0.4  # twice what any gained as a whole: a short chirp among friction sweeps is hardly informative about the columns
+LEAST_GAIN = 0.07  # no wrong way of reading a good recording gained as much in every part of it
+SURE_GAIN = (
+    0.4  # twice what any gained over the whole: a short chirp among friction sweeps is hardly informative about the columns
+)
 LEAST_SHIFT_GAIN = 0.25
 PARTS = 3
 MOST_STEPS = 5
-FAR_STEP, FARTHEST, FAR_SHARE, FAR_GAIN = 0.2, 20.0, 0.4, 0.5  # s; share of the recording; what more it must gain
-HARDLY, ALONE_GAIN = 0.5, 2.0  # of a joint's readings, in the median; and what a shift must gain that nothing else speaks for
-# rad: zeros by other conventions, and by the share of any joint's readings that is left from which they are tried
+FAR_STEP, FARTHEST, FAR_SHARE, FAR_GAIN = 0.2, 20.0, 0.4, 0.5  # s; s; share of the recording; additional gain required
+HARDLY, ALONE_GAIN = (
+    0.5,
+    2.0,
+)  # residual share of a joint's readings, in the median; gain required of a shift without other evidence
+# rad, zeros by other conventions; residual share of any joint's readings from which they are tried
 ZEROS, POOR = (math.pi / 2, math.pi, -math.pi / 2), 0.15
-TRIED, FINER = 17, 3  # shifts at once, and how often an eighth of their range is looked at again
+TRIED, FINER = 17, 3  # shifts at once; how often an eighth of their range is searched again
 
 
 @dataclass(frozen=True)
@@ -41,15 +46,15 @@ class GainStep:
 def doubtful(arm: Arm, found: GainStep) -> bool:
     """Whether a correction gains little and concerns a joint whose friction law was fitted to such readings.
 
-    The residual of a fitted law is small and correlates with many columns by chance. The arm identified from the SH Electric's two recordings
-    refused one of them for it, with a gain of 0.4.
+    The residual of a fitted law is small and correlates with many columns by chance. For this reason the arm identified from the SH
+    Electric's two recordings refused one of them, with a gain of 0.4.
     """
     by_law = {e.joint for e in arm.effects if e.effect == "friction_law"}
     return found.gain < ALONE_GAIN and any(arm.joint_names[j] in by_law for j in found.correction.joints)
 
 
 def read_as(s: Signals, c: Correction) -> Signals:
-    """The rows read that way."""
+    """The rows read with a correction."""
     n = s.n
     if c.kind == "swap":
         order = np.arange(n)
@@ -82,7 +87,7 @@ def _each(s: Signals, part: str, change: Callable[[np.ndarray], np.ndarray]) -> 
 
 
 def steps(arm: Arm, s: Signals, shifts: Sequence[float]) -> tuple[list[GainStep], list[GainStep], Signals]:
-    """The corrections that make the model fit, one after the other, until none gains more; the first one's rivals; and the rows read with
+    """The corrections with which the model fits, one after the other until none gains more; the rivals of the first; and the rows read with
     all of them."""
     out: list[GainStep] = []
     rivals: list[GainStep] = []
@@ -104,7 +109,8 @@ def steps(arm: Arm, s: Signals, shifts: Sequence[float]) -> tuple[list[GainStep]
 
 
 def _far(arm: Arm, s: Signals, found: GainStep | None) -> GainStep | None:
-    """The shift by any seconds that makes the model fit far better than what was found; where nothing was, of a model that hardly fits."""
+    """A shift of up to FARTHEST s with which the model fits far better than with `found`, else `found`; if nothing was found, a shift is
+    looked for only if the model hardly fits."""
     equations = normal(s, model_torque(arm, s))
     base = equations.own(s.load)
     if found is None:
@@ -115,7 +121,7 @@ def _far(arm: Arm, s: Signals, found: GainStep | None) -> GainStep | None:
     every = [side * by for by in np.arange(FAR_STEP, most, FAR_STEP) for side in (-1.0, 1.0)]
     gains = [_gain(base, left) for left in own_of([(equations, s.later(by)) for by in every])] if every else []
     enough = ALONE_GAIN if found is None else found.gain + FAR_GAIN
-    # a constant stands for readings beyond the recording and leaves nothing to explain: what gains is compared without them
+    # readings beyond the recording are held constant, which leaves nothing to explain: the gain is checked without them
     for gain, by in sorted(zip(gains, every, strict=True), reverse=True):
         if not gain > enough:
             break
@@ -125,7 +131,7 @@ def _far(arm: Arm, s: Signals, found: GainStep | None) -> GainStep | None:
 
 
 def _gain_inside(arm: Arm, s: Signals, by: float) -> float:
-    """What a shift gains in the rows of which the shifted instant is recorded."""
+    """Gain of a shift over the rows whose shifted instant lies within the recording."""
     at = s.place[:, 0] + by * s.place[:, 3]
     few = _rows(s, (at >= s.place[:, 1]) & (at <= s.place[:, 2]))
     equations = normal(few, model_torque(arm, few))
@@ -133,7 +139,7 @@ def _gain_inside(arm: Arm, s: Signals, by: float) -> float:
 
 
 def _exactly(arm: Arm, s: Signals, found: GainStep, shifts: Sequence[float]) -> GainStep:
-    """The shift between the neighbours of the one that was found, of `shifts`, at which the model fits best."""
+    """The shift at which the model fits best, between the neighbours in `shifts` of the one that was found."""
     equations = normal(s, model_torque(arm, s))
     base, known, by = equations.own(s.load), sorted({0.0, *shifts}), found.correction.factor
     k = known.index(by) if by in known else -1
@@ -146,7 +152,7 @@ def _exactly(arm: Arm, s: Signals, found: GainStep, shifts: Sequence[float]) -> 
         if gains[k] > gained:
             best, gained = replace(found.correction, factor=float(f"{every[k]:.3g}")), gains[k]
         low, high = every[max(k - 1, 0)], every[min(k + 1, TRIED - 1)]
-    return replace(found, correction=best)  # its gain stays that of the shifts that were compared with other ways of reading
+    return replace(found, correction=best)  # the gain stays the one that was compared with other ways of reading
 
 
 def ranked(arm: Arm, s: Signals, shifts: Sequence[float]) -> list[GainStep]:
@@ -155,7 +161,7 @@ def ranked(arm: Arm, s: Signals, shifts: Sequence[float]) -> list[GainStep]:
 
 
 def _holds(arm: Arm, s: Signals, c: Correction) -> bool:
-    """Whether a correction gains enough without any one part of the recording: a chance likeness is in one of them alone."""
+    """Whether a correction gains enough with any one part of the recording left out: a match by chance is confined to one part."""
     if c.kind == "shift":
         return True
     place = np.arange(len(s)) * PARTS // max(len(s), 1)
@@ -193,7 +199,7 @@ def _candidates(arm: Arm, s: Signals, shifts: Sequence[float]) -> Iterator[GainS
         yield GainStep(Correction("shift", "tau", (), shift), gain if gain > LEAST_SHIFT_GAIN else 0.0)
     ways: list[
         tuple[Correction, np.ndarray]
-    ] = []  # of another motion, and the order of the joints whose own columns are compared
+    ] = []  # with another motion, and the order of the joints whose own columns are compared
     pairs: list[tuple[Normal, np.ndarray]] = []
     for j in range(n):
         turned = _of_motion(arm, s, Correction("sign", "motion", (j,)))
@@ -219,7 +225,7 @@ def _of_motion(arm: Arm, s: Signals, c: Correction) -> Normal:
 
 
 def _gain(before: np.ndarray | float, after: np.ndarray | float) -> float:
-    """sum ln(before / after); none where a joint that could be assessed no longer can, or the other way round."""
+    """sum ln(before / after); -inf where no joint can be assessed, or one only before or only after."""
     before, after = np.atleast_1d(before), np.atleast_1d(after)
     known = np.isfinite(before) & (before > 0)
     if not known.any() or np.any(known != (np.isfinite(after) & (after > 0))):

@@ -1,6 +1,6 @@
-"""A recording in few numbers: position, its derivatives and torque, smoothed alike and thinned to some hundred rows in motion.
+"""A recording reduced to few numbers: position, its derivatives and torque, smoothed alike and thinned to some hundred rows in motion.
 
-Enough to distinguish units, signs, columns and arms, and quick: two minutes at 500 Hz cost some hundredths of a second. Nothing here is
+This is enough to distinguish units, signs, columns and arms, and fast: two minutes at 500 Hz take some hundredths of a second. It is not
 good enough for identification.
 """
 
@@ -14,21 +14,21 @@ from scipy.signal import savgol_coeffs
 
 from logs.log import Log
 
-RATE = 100.0  # Hz, at most; the mean of so many samples
-WINDOW = 0.21  # s, of the polynomial
+RATE = 100.0  # Hz, at most; faster samples are averaged
+WINDOW = 0.21  # s, of the smoothing polynomial
 ORDER = 3
 MOST_ROWS = 900
 SHIFTS = (-2.0, -1.0, -0.5, -0.25, -0.12, 0.12, 0.25, 0.5, 1.0, 2.0)  # s
 GAP = 0.06  # s: rows whose window reaches over a longer step are left out
-MOVING = 0.02  # of a joint's fastest
+MOVING = 0.02  # of a joint's highest speed
 
 
 @dataclass(frozen=True)
 class Signals:
-    """R rows of n joints: t (R,) s, q dq ddq (R, n) from the position, read (R, n) the speed as recorded, load (R, n) what was recorded of
-    the drives, N m or A, NaN where nothing was; all through one filter. log (R,) which recording each row is of. late (L, R, n) the load
-    at instants later by `SHIFTS`. series (K, n) the whole course of the load, and place (R, 4) where each row lies in it: sample, first and
-    last sample of its recording, samples a second."""
+    """R rows of n joints, all through one filter: t (R,) s; q, dq, ddq (R, n) from the position; read (R, n) the recorded speed; load (R, n)
+    the recorded torque, N m, or current, A, NaN where there is none; log (R,) the recording of each row. late (L, R, n) is the load at instants
+    later by `SHIFTS`. series (K, n) is the whole course of the load, and place (R, 4) where each row lies in it: sample, first and last
+    sample of its recording, samples per second."""
 
     t: np.ndarray
     q: np.ndarray
@@ -42,14 +42,14 @@ class Signals:
     place: np.ndarray
 
     def later(self, by: float) -> np.ndarray:
-        """(R, n) the load at instants later by so many s; at the ends of a recording its first or last."""
+        """(R, n) load at instants later by `by` s; beyond the ends of a recording its first or last value."""
         at = np.clip(self.place[:, 0] + by * self.place[:, 3], self.place[:, 1], self.place[:, 2])
         k = np.minimum(at.astype(int), np.maximum(len(self.series) - 2, 0))
         share = (at - k)[:, None]
         return np.asarray(self.series[k] * (1 - share) + self.series[np.minimum(k + 1, len(self.series) - 1)] * share)
 
     def rows(self, keep: np.ndarray) -> Signals:
-        """Those rows alone, (R,) True; the series stays whole."""
+        """The rows for which `keep` (R,) is true; the series stays whole."""
         own = {name: getattr(self, name)[keep] for name in ("t", "q", "dq", "ddq", "read", "load", "log", "place")}
         return replace(self, **own, late=self.late[:, keep])
 
@@ -63,7 +63,7 @@ class Signals:
 
 
 def signals(logs: Sequence[Log], load: Sequence[np.ndarray]) -> Signals:
-    """The rows of all logs together; `load` (N, n) for each log, a column of one unit. No rows where nothing moves."""
+    """The rows of all logs together; `load` (N, n) for each log, each column in one unit. No rows where nothing moves."""
     parts = [_of_log(log, x, max(MOST_ROWS // max(len(logs), 1), 100)) for log, x in zip(logs, load, strict=True)]
     t, q, dq, ddq, read, x = (np.concatenate([part[k] for part in parts]) for k in range(6))
     late = np.concatenate([part[6] for part in parts], axis=1)

@@ -1,4 +1,4 @@
-"""Motion of which the readings show nothing: so many are faulty that hardly a row of the momentum balance comes."""
+"""Motion that the readings do not show: so many are faulty that the momentum balance yields hardly any rows."""
 
 from __future__ import annotations
 
@@ -7,15 +7,15 @@ import numpy as np
 from calib.watch.events import Kind, WatchEvent
 from sim.joint_state import JointState
 
-STRETCH, STROKE = 0.5, 5e-3  # s, rad: a joint that goes farther in that time moves
-SHARE = 0.1  # of the motion that rows must show
-MOST = 3.0  # s of motion without them; none of the four is tuned: one bad reading in 20 leaves no row, one in 50 nearly all
+STRETCH, STROKE = 0.5, 5e-3  # s, rad: a joint that travels farther in that time is moving
+SHARE = 0.1  # of the motion that rows must cover
+MOST = 3.0  # s of motion without rows; none of the four is tuned: one bad reading in 20 leaves no row, one in 50 nearly all
 
 
 class BrokenWatch:
-    """Readings in, with the seconds that their row shows, 0 without one; `broken` while they are too broken to watch.
+    """Takes every reading with the seconds that its row covers, 0 without a row; `broken` while readings are too faulty to watch.
 
-    Time is counted in readings, so that neither a gap nor a wrong clock is taken for motion.
+    Time is counted in readings, so that neither a gap nor a wrong clock counts as motion.
     """
 
     def __init__(self, n: int, rate: float) -> None:
@@ -29,7 +29,7 @@ class BrokenWatch:
         self._low, self._high = np.full(self._n, np.nan), np.full(self._n, np.nan)
 
     def add(self, state: JointState, row_seconds: float, faults: str) -> list[WatchEvent]:
-        """One reading; the event where it is too much. `faults` says of which kind they are."""
+        """Take one reading; return the event when too few were usable. `faults` lists the kinds of fault so far."""
         if state.n != self._n:
             return []
         self._low, self._high = np.fmin(self._low, state.q), np.fmax(self._high, state.q)
@@ -45,7 +45,7 @@ class BrokenWatch:
             return []
         t = state.t_device if np.isfinite(state.t_device) else 0.0
         text = (
-            f"for {self._unseen:.1f} s of motion hardly a reading could be used ({faults}): they are too broken to watch, and nothing "
-            "that happened meanwhile is known; repair what delivers them"
+            f"for {self._unseen:.1f} s of motion hardly any reading could be used ({faults}): they are too broken to watch, and what "
+            "happened in that time is unknown; repair their source"
         )
         return [WatchEvent(Kind.UNWATCHABLE, t, (t - self._unseen, t), text)]

@@ -1,10 +1,11 @@
-"""The course of a joint's friction over the runs of an arm, smoothed: when wear began, and where it stands now.
+"""Smoothed friction of a joint over the runs of an arm: when wear began, and how far it has gone.
 
     level_k = level_k-1 + slope_k-1 dt,   slope_k = slope_k-1 + w_k,   friction_k = level_k + thermal (T_k - mean T) + noise_k
 
-A local linear trend (A. Harvey, Forecasting, Structural Time Series Models and the Kalman Filter, 1989, section 2.3) with runs dt apart as
-they come: w is integrated white noise, whose strength is the one of STRENGTHS that makes the runs most likely; zero is the straight line
-of calib.watch.trend. filterpy filters and smooths (H. Rauch, F. Tung, C. Striebel 1965, doi:10.2514/3.3166): nobody waits for it here.
+This is a local linear trend (A. Harvey, Forecasting, Structural Time Series Models and the Kalman Filter, 1989, section 2.3) with the
+actual intervals dt between runs. w is integrated white noise; its strength is the one of STRENGTHS with the highest likelihood, and zero
+gives the straight line of calib.watch.trend. filterpy filters and smooths (H. Rauch, F. Tung, C. Striebel 1965, doi:10.2514/3.3166);
+speed does not matter here.
 """
 
 from __future__ import annotations
@@ -19,10 +20,10 @@ from calib.watch.trend import RUNS_LEAST
 STRENGTHS = (
     0.0,
     *np.geomspace(1e-3, 1e3, 7).tolist(),
-)  # of w over the whole record, variance of the slope relative to the level
+)  # of w: variance of the slope over the whole record, relative to the level
 WIDE = 1e2  # prior variance of level, slope and warmth, in units of the level over the record
-SURER = 2.0  # a strength counts that makes the runs more likely than the straight line by so many nats: the 95 % point of a likelihood ratio
-NORMAL = 2 * 0.6745**2  # of the squared difference of two equal normal variables, its median over their variance
+SURER = 2.0  # nats by which a strength must be more likely than the straight line: the 95 % point of a likelihood ratio
+NORMAL = 2 * 0.6745**2  # median of the squared difference of two equal normal variables, over their variance
 
 
 @dataclass(frozen=True)
@@ -34,7 +35,10 @@ class Course:
 
 
 def course(days: np.ndarray, value: np.ndarray, std: np.ndarray, warm: np.ndarray) -> Course | None:
-    """Of values (N,) with standard deviations std (N,) at days (N,), increasing; warm (N,) degC, NaN where unknown. None for too few runs."""
+    """Course of value (N,), whose standard deviation is std (N,), at increasing days (N,); warm (N,) degC, NaN where unknown.
+
+    None for fewer than RUNS_LEAST runs, for runs at one instant only, and where the median friction is zero.
+    """
     if len(days) < RUNS_LEAST or not np.ptp(days) > 0 or not float(np.median(np.abs(value))) > 0:
         return None
     unit, t = float(np.median(np.abs(value))), (days - days[0]) / np.ptp(days)
@@ -52,7 +56,7 @@ def _smoothed(
     t: np.ndarray, z: np.ndarray, noise: np.ndarray, warmth: np.ndarray, strength: float
 ) -> tuple[float, np.ndarray, np.ndarray]:
     """Log likelihood of the runs, and the smoothed level and its standard deviation at each."""
-    from filterpy.kalman import KalmanFilter  # here: a watch at work never smooths
+    from filterpy.kalman import KalmanFilter  # imported here: a running watch never smooths
 
     kf = KalmanFilter(dim_x=3, dim_z=1)
     kf.x, kf.P = np.array([[z[0]], [0.0], [0.0]]), WIDE * np.eye(3)

@@ -1,7 +1,7 @@
-"""What the drives report beyond the rigid bodies: friction with its memory, springs, ripple, gain and offset of the reading.
+"""What the drives report beyond the rigid bodies: friction with memory, springs, ripple, gain and offset of the reading.
 
-The torque path is the catalogue's own (`sim.effects.effect`); here it is walked a few samples at a time with its memory kept, and
-backwards: from the reported torque to the torque that the gear passes on to the links.
+The torque path is that of the catalogue (`sim.effects.effect`). It is followed backwards, from the reported torque to the torque that
+the gear passes on to the links, a few samples at a time; its memory is kept between calls.
 """
 
 from __future__ import annotations
@@ -17,15 +17,15 @@ from sim.prediction import by_stage
 from sim.slip import SLIP_WIDTH
 from sim.torque_path import PathState, Stage
 
-# effects that need the torque of the next instant or the motor's own angle; what they leave goes into the unmodelled torque
+# effects that need the torque of the next instant or the motor's own angle: they remain in the unmodelled torque
 NOT_FOLLOWED = (Stage.TRANSMISSION, Stage.DRIVE)
 
 
 class DriveTorque:
-    """tau_link = (tau_reported - offset)/gain - friction - ..., sample after sample.
+    """tau_link = (tau_reported - offset)/gain - friction - ..., for each sample.
 
-    `rotor` (n,) kg m^2 is left to the momentum; `delay` s is how much later than the motion the torque arrives; `coulomb` (n,) N m and
-    `viscous` (n,) N m s/rad are the friction that the arm states.
+    `rotor` (n,) kg m^2, the reflected inertia, is accounted for in the momentum. `delay` s is how much later than the motion the torque
+    arrives. `coulomb` (n,) N m and `viscous` (n,) N m s/rad are the friction in the arm's file.
     """
 
     def __init__(self, arm: Arm) -> None:
@@ -42,7 +42,7 @@ class DriveTorque:
             + sorted({item.effect for effect, _, item in self._stages[Stage.FORCE] if effect.driven})
         )
         self._joint = self._stages[Stage.JOINT]
-        # dry and viscous friction, which every arm has, need no walk along the path; an arm that has no more needs none at all
+        # dry and viscous friction, which every arm has, are computed without the path; an arm with nothing else skips it
         self._friction = [x for x in self._stages[Stage.FRICTION] if x[0].name != "coulomb_friction"]
         self._motor = [x for x in self._stages[Stage.MOTOR] if x[0].name not in ("rotor_inertia", "viscous_friction")]
         self._walked = bool(self._joint or self._friction or self._motor)
@@ -55,7 +55,7 @@ class DriveTorque:
         self.forget()
 
     def forget(self) -> None:
-        """The direction of dry friction is unknown again, as after a gap."""
+        """Forget the direction of dry friction and the memory of the effects, as after a gap."""
         self._slip: np.ndarray | None = None
         self._angle: np.ndarray | None = None
         self._memory: dict[Hashable, np.ndarray] = {}
@@ -65,7 +65,7 @@ class DriveTorque:
     ) -> tuple[np.ndarray, np.ndarray]:
         """Torque on the links (N, n) N m and direction of dry friction (N, n) in [-1, 1].
 
-        t (N,) s since the start; gravity (N, n) N m stands for the load where friction depends on it.
+        t (N,) s since the start; gravity (N, n) N m is used as the load where friction depends on the load.
         """
         if not self._walked:
             slip = self._slipping(q, np.broadcast_to(SLIP_WIDTH, q.shape))

@@ -1,4 +1,4 @@
-"""What a watcher reports: about the arm, or about the readings, and never the one for the other."""
+"""The events that a watcher reports, each either about the arm or about the readings."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class Kind(enum.Enum):
 
 
 ABOUT_INPUT = frozenset({Kind.BAD_READING, Kind.GAP, Kind.FROZEN, Kind.WRONG_ARM, Kind.WRONG_RATE, Kind.UNWATCHABLE})
-# somebody should look; work that goes on as it should only makes INFO
+# these need attention; ordinary work produces INFO only
 CONCERNS = frozenset(
     {
         Kind.DECLARED_PAYLOAD_WRONG, Kind.UNEXPECTED_CONTACT, Kind.FRICTION_DRIFT, Kind.MODEL_INVALID, Kind.WRONG_ARM,
@@ -46,7 +46,7 @@ _ERRORS = frozenset({Kind.MODEL_INVALID, Kind.WRONG_ARM})
 
 @dataclass(frozen=True, slots=True)
 class Quantity:
-    """A number with its standard deviation and unit; as text with its 95 % interval, both to the interval's second digit."""
+    """A number with its standard deviation and unit; printed with its 95 % interval, both to the interval's second digit."""
 
     value: float
     std: float
@@ -58,7 +58,7 @@ class Quantity:
 
 @dataclass(frozen=True, slots=True)
 class WatchEvent:
-    """One thing that happened: when it was known and between which instants it began (s, device clock), how large it is, and where."""
+    """One event: when it was known, between which instants it began (s, device clock), its size and its joint."""
 
     kind: Kind
     t: float
@@ -80,7 +80,7 @@ class WatchEvent:
         return WARN if self.kind in CONCERNS or self.about == "input" else INFO
 
     def as_dict(self) -> dict[str, Any]:
-        """For JSON lines; `interval` is 95 %."""
+        """The event for JSON lines; `interval` is 95 %."""
         return {
             "schema": SCHEMA, "event": self.kind.value, "about": self.about, "t": self.t, "began": list(self.began), "joint": self.joint,
             "size": {

@@ -2,9 +2,10 @@
 
     d = Y (m, m c, I(m, c)) + dF_c slip + dF_v dq + e + white noise
 
-m kg and m c kg m of the body at the flange (beyond what the model has), changes of dry and viscous friction of every joint as random
-walks, and e, the torque that no model explains, as a Gauss-Markov process with `MEMORY` seconds: it is what keeps the filter from
-taking a model error that lasts a second for hundreds of independent witnesses. The sizes of e and of the white noise are estimated.
+m (kg) and m c (kg m) are those of the body at the flange beyond what the model has. dF_c and dF_v, the changes of dry and viscous
+friction of every joint, are random walks. e, the torque that no model explains, is a Gauss-Markov process with a correlation time of
+`MEMORY` seconds: without it, the filter would take a model error that lasts a second for hundreds of independent observations. The
+sizes of e and of the white noise are estimated.
 """
 
 from __future__ import annotations
@@ -20,22 +21,22 @@ from sim.prior import unstated
 from sim.tree import GRAVITY
 
 MEMORY = 0.4  # s; residuals of an identified UR10e have lost half their correlation after 0.3 s
-SLOWEST = 0.02  # rad/s: below it dry friction is not known
+SLOWEST = 0.02  # rad/s: below it, dry friction is not known
 PAYLOAD_WALK = 0.004  # of the mass scale per sqrt(s): about ten seconds are remembered
 FRICTION_WALK = 0.006  # of the friction per sqrt(s)
 REVERSAL_DOUBT, REVERSAL_SPEED = (
     0.15,
     0.05,
-)  # share of dry friction that is in doubt as a joint turns round, and until which rad/s
+)  # share of dry friction that is uncertain as a joint reverses, and the speed, rad/s, over which this decays
 OUTLIER = 4.0  # standard deviations beyond which a row loses weight
-LEARNT = 3.0  # s of motion that their first guesses are worth; with less, real recordings bring claims that are none
-CLIP = 3.0  # standard deviations that one row brings into the sizes of the noises
-NOISE_MEMORY = 20.0  # s of motion over which the sizes of the noises are estimated
+LEARNT = 3.0  # s of motion that the first guesses of the noise sizes count as; with less, real recordings gave false claims
+CLIP = 3.0  # standard deviations at which one row is clipped when the noise sizes are estimated
+NOISE_MEMORY = 20.0  # s of motion over which the noise sizes are estimated
 
 
 @dataclass(frozen=True, slots=True)
 class Innovation:
-    """The innovation of a row, before it is used: used (n,) joints, y (k,), S (k, k), H (k, x), gain (x, k), decay (x,), nis and its degrees."""
+    """Innovation of a row before the update: used (n,) joints, y (k,), inverse (k, k) of S, h (k, x), gain (x, k), decay (x,) and NIS."""
 
     used: np.ndarray
     y: np.ndarray
@@ -47,14 +48,18 @@ class Innovation:
 
     @property
     def degrees(self) -> int:
-        """For how many joints the row was informative."""
+        """Number of joints for which the row was informative."""
         return len(self.y)
 
 
 @dataclass(frozen=True, slots=True)
 class Jump:
-    """A change of the load: rows since it and the range that is about as likely, twice its log likelihood ratio as a payload and as any torque on the joints, size (4,) of
-    [m, m c] with its covariance, the change of the filter's state (x, 4) that one unit still has to make, and the torque (n,) N m."""
+    """A change of the load.
+
+    rows since it, and the range `between` that is about as likely; payload_ratio and torque_ratio, twice its log likelihood ratio as a
+    payload and as any torque on the joints; size (4,) of [m, m c] with its covariance; response (x, 4), the change still due in the
+    filter's state per unit of size; torque (n,) N m.
+    """
 
     rows: int
     between: tuple[int, int]
@@ -75,16 +80,19 @@ class FilterState:
 
 
 class TorqueFilter:
-    """Follows payload and friction; `mass_scale` kg is what an arm of this strength carries, `friction` (n,) N m what its joints have."""
+    """Kalman filter of payload and friction.
+
+    `mass_scale` kg is what an arm of this strength carries; `dry` (n,) N m and `wet` (n,) N m s/rad are the size of its joints' friction.
+    """
 
     def __init__(self, arm: Arm, coulomb: np.ndarray, viscous: np.ndarray, first: np.ndarray) -> None:
-        """`first` (4,) [m, m c] is the prior of what is mounted."""
+        """`first` (4,) is the prior mean of [m, m c] of what is mounted."""
         n = self.n = arm.n
         self.mass_scale, self.reach = carrying_scale(arm)
         cruise = 0.25 * np.where(np.isfinite(arm.dq_max), arm.dq_max, 2.0)
         torque = np.array(arm.sensors.torque_noise) if any(arm.sensors.torque_noise) else 0.005 * np.where(np.isfinite(arm.tau_max), arm.tau_max, 1.0)  # fmt: skip
         nobody = unstated(arm)
-        # (n,): of the other joints `dry` is a guess at its size, and no claim
+        # (n,); for the other joints `dry` is only a guess at its size
         self.states_dry, states_wet = (coulomb > 0) & ~nobody["coulomb"], (viscous > 0) & ~nobody["viscous"]
         friction = np.where(self.states_dry & states_wet, coulomb + viscous * cruise, 10 * torque)
         self.dry = np.where(self.states_dry, coulomb, 0.3 * friction)
@@ -104,9 +112,9 @@ class TorqueFilter:
         self._floor = 1e-4 * self.dry**2
         self._moved = 0.0
         self._usable: tuple[Row, np.ndarray] | None = None
-        # what the last three rows left, newest first, of which joints, and how many rows there were without a pause
+        # residuals of the last three rows, newest first; the joints used in each; the number of rows without a pause
         self._left, self._recent_used, self._rows = np.zeros((3, n)), np.zeros((3, n), dtype=bool), 0
-        # mean products of what is left: with itself, with the row before, with the one before that
+        # mean products of a residual with itself, with that of the row before, and with that of the one before that
         self._products = np.stack([self._white + self._slow, 0.25 * self._white + 0.95 * self._slow, 0.9 * self._slow])
         self.covariance = np.diag(
             np.concatenate([self.payload_prior(), (0.3 * self.dry) ** 2, (0.3 * self.wet) ** 2, self._slow])
@@ -126,7 +134,7 @@ class TorqueFilter:
 
     @property
     def noise(self) -> np.ndarray:
-        """(n,) N m standard deviation of all that a row has beside the model."""
+        """(n,) N m standard deviation of a row about the model."""
         return np.sqrt(self._white + self._slow)
 
     @property
@@ -135,11 +143,11 @@ class TorqueFilter:
         return float(np.sqrt(np.max(self._slow / self._white)))
 
     def snapshot(self) -> FilterState:
-        """The state as it is; these arrays are never changed in place."""
+        """The present state; its arrays are never changed in place."""
         return FilterState(self.x, self.covariance)
 
     def restore(self, earlier: FilterState) -> None:
-        """Go back to an earlier state; the unknown torque is unknown again."""
+        """Return to an earlier state, with e reset to zero and its stationary variance."""
         self.x, self.covariance = earlier.x.copy(), earlier.covariance.copy()
         self.x[self.unknown] = 0.0
         self.covariance[self.unknown, :] = self.covariance[:, self.unknown] = 0.0
@@ -153,13 +161,13 @@ class TorqueFilter:
         return self._usable[1]
 
     def left(self, row: Row, x: np.ndarray) -> np.ndarray:
-        """(n,) N m that payload and friction of state x leave of a row."""
+        """(n,) N m residual of a row after payload and friction of state x."""
         out = np.empty(self.n)
         left(row.residual, row.payload, row.slip, row.speed, x, 0.02 * self.mass_scale, 0.5 * self.reach, out)
         return out
 
     def add(self, row: Row, learn: bool = True, trust: bool = False) -> Innovation | None:
-        """One row; None where no joint is informative. `learn` follows the sizes of the noise; `trust` takes outliers at full weight."""
+        """Update with one row; None where no joint is informative. `learn` updates the noise sizes; `trust` gives outliers full weight."""
         used = self.usable(row)
         self._predict(row.seconds)
         if not used.any():
@@ -183,7 +191,7 @@ class TorqueFilter:
         self.covariance = self.covariance + jump.response @ jump.covariance @ jump.response.T
 
     def open(self) -> None:
-        """The payload may have become anything: its covariance grows by that of a change."""
+        """Add the covariance of a change to that of the payload, which may have become anything."""
         self.covariance = self.covariance.copy()
         self.covariance[self.payload, self.payload] += np.diag(self.jump_prior())
 
@@ -194,10 +202,10 @@ class TorqueFilter:
         self.x, self.covariance = predicted(self.x, self.covariance, self._decay, self._walk, seconds, self._slow, first)
 
     def _learn(self, row: Row, used: np.ndarray) -> None:
-        """Sizes of e and of the white noise from the products of what payload and friction leave, now with one and two rows before.
+        """Estimate the sizes of e and of the white noise from products of a row's residual with those of one and two rows before.
 
-        Neighbouring rows share half of their window, so only rows two apart depend on e alone; what neighbours share beyond e counts
-        as white noise with its long-run variance.
+        Neighbouring rows share half of their window, so only rows two apart are correlated through e alone. What neighbours share
+        beyond e counts as white noise with its long-run variance.
         """
         self._rows += 1
         self._moved += row.seconds * (self._rows >= 3)

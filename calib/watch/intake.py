@@ -1,8 +1,8 @@
-"""Readings before they count: a reading that is missing, impossible, late or frozen is reported and never reaches an estimate.
+"""Screening of readings: one that is missing, impossible, late or frozen is reported and never reaches an estimate.
 
-A reading counts at once, but for one whose torque has risen by more than motion does: it waits for the next one, so that a single wild
-value between two sane ones is seen for what it is. A reading that cannot be one is left out as if it were lost: its neighbours belong
-together unless the time between them is a gap. One that comes twice counts once.
+A reading counts at once, unless its torque has jumped by more than motion can cause. It then waits for the next one, which shows
+whether it was a single outlier. An impossible reading is dropped as if it had been lost: its neighbours belong together unless the
+time between them is a gap. A reading that arrives twice counts once.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from sim.joint_state import JointState
 GAP_PERIODS = 3.5
 FROZEN_SECONDS, FROZEN_PERIODS = 0.03, 3.5  # whichever is longer
 MOVING = 0.05  # rad/s
-SPIKE = 0.3  # of the largest torque: up and down again by that much within two periods is no motion
+SPIKE = 0.3  # of the largest torque: a rise and fall by that much within two periods is not motion
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,7 +36,7 @@ class Sample:
 
 @dataclass(frozen=True, slots=True)
 class ReadingFault:
-    """What is wrong with the readings at t; `message` states it with values. breaks: readings before and after do not belong together."""
+    """A fault of the readings at t; `message` states it with values. breaks: readings before and after do not belong together."""
 
     kind: Kind
     t: float
@@ -45,7 +45,7 @@ class ReadingFault:
 
 
 class Intake:
-    """Readings in, samples or faults out; `rate` Hz is what the device promises; `repeated` counts readings that came twice."""
+    """Readings in, samples or faults out; `rate` Hz is the stated rate of the device; `repeated` counts duplicate readings."""
 
     def __init__(self, arm: Arm, rate: float) -> None:
         if not (np.isfinite(rate) and rate > 0):
@@ -58,14 +58,14 @@ class Intake:
         self.repeated = 0
         self._newest: JointState | None = None
         self._last: Sample | None = None
-        # the one before a reading whose torque is in doubt
+        # the sample before one whose torque is in doubt
         self._waiting: Sample | None = None
         self._same_q = self._same_tau = 0.0
         self._frozen = max(FROZEN_SECONDS, FROZEN_PERIODS * self.period)
         self._moving = max(MOVING, 4 * arm.sensors.encoder_resolution / self._frozen)
 
     def add(self, state: JointState) -> tuple[list[Sample], ReadingFault | None]:
-        """One reading: the samples that count from now on, and what is wrong, where something is."""
+        """Take one reading; return the samples that count from now on, and the fault, if any."""
         newest, self._newest = self._newest, state
         if newest is not None and _same(newest, state):
             self.repeated += 1
@@ -80,7 +80,7 @@ class Intake:
         if not step > 0:
             return [], self._broken(Kind.BAD_READING, sample.t, f"device time goes from {last.t:.6f} to {sample.t:.6f} s")
         if step > GAP_PERIODS * self.period:
-            message = f"no reading for {1e3 * step:.0f} ms, one every {1e3 * self.period:.3g} ms is due"
+            message = f"no reading for {1e3 * step:.0f} ms; one is due every {1e3 * self.period:.3g} ms"
             return [], self._broken(Kind.GAP, sample.t, message)
         fault = self._continuous(last, sample, step)
         if fault is not None:
@@ -88,7 +88,7 @@ class Intake:
         return self._counting(last, sample)
 
     def _counting(self, last: Sample, sample: Sample) -> tuple[list[Sample], ReadingFault | None]:
-        """The sample, or none while its torque is in doubt, or the one that was in doubt and the sample."""
+        """The sample; none while its torque is in doubt; or the one that was in doubt, and the sample."""
         before, waited = self._waiting, self._waiting is not None
         self._waiting = None
         if before is not None:
@@ -158,7 +158,7 @@ class Intake:
 
 
 def _same(a: JointState, b: JointState) -> bool:
-    """Whether two readings are one that came twice: instant and values are equal."""
+    """Whether two readings are duplicates: instant and values are equal."""
     if a.t_device != b.t_device:
         return False
     return all(np.array_equal(getattr(a, x), getattr(b, x), equal_nan=True) for x in ("q", "dq", "tau", "current"))

@@ -2,7 +2,7 @@
 
 A. S. Willsky and H. L. Jones (1976), doi:10.1109/TAC.1976.1101146: a jump at theta leaves a known trace G(k; theta) in the filter's
 innovations. For each theta of the last rows C = sum G^T S^-1 G and d = sum G^T S^-1 y are kept; twice the log likelihood ratio is
-d^T C^-1 d, the most likely jump C^-1 d. Two kinds are compared: a body at the flange (4 numbers), and any torque on the joints (n).
+d^T C^-1 d, and the most likely jump is C^-1 d. Two kinds are compared: a body at the flange (4 numbers), and any torque on the joints (n).
 """
 
 from __future__ import annotations
@@ -15,18 +15,18 @@ from calib.watch.filter import Innovation, Jump, TorqueFilter
 from calib.watch.jump_kernels import advanced
 
 CANDIDATES = 16
-ROWS_LEAST = 3  # a reading that is wrong once touches two rows
-# Real arms jump by themselves: gears that change flank reach ratios of 90 where a perfect simulation stays below 30. Where much of the
-# torque is slow model error (`imperfection`, its size over that of the white noise: from 1 up on a real UR10e, about a half on a mock)
-# more is required, and more than the last while has shown. The least is what noise alone reaches once in a thousand hours.
+ROWS_LEAST = 3  # a single wrong reading affects two rows
+# Real arms jump by themselves: gears that change tooth flank reach ratios of 90, where a perfect simulation stays below 30. The threshold
+# therefore rises with slow model error (`imperfection`, its size over that of the white noise: 1 or more on a real UR10e, about 0.5 on a
+# mock), and with the highest ratio of the recent past. Its least value is what noise alone reaches once in a thousand hours.
 THRESHOLD, THRESHOLD_SLOPE, THRESHOLD_LEAST, THRESHOLD_MOST = -20.0, 110.0, 45.0, 150.0
 OVER_RECENT, RECENT = 1.6, 20.0
-AS_LIKELY = 9.0  # difference of the ratio up to which the instant may be another: three standard deviations
-CLIP = 8.0  # standard deviations that one joint of one row may bring in
+AS_LIKELY = 9.0  # difference in ratio up to which another instant is possible: three standard deviations
+CLIP = 8.0  # standard deviations at which one joint of one row is clipped
 
 
 class JumpDetector:
-    """Feed it every innovation; `found` is the likeliest jump of the last rows where it is beyond doubt."""
+    """`add` takes every innovation and returns the likeliest jump of the last rows once it is beyond doubt."""
 
     def __init__(self, filter_: TorqueFilter) -> None:
         self._n, self._size = filter_.n, len(filter_.x)
@@ -38,7 +38,7 @@ class JumpDetector:
         self.forget()
 
     def forget(self) -> None:
-        """No jump is looked for in the rows so far."""
+        """Discard the rows so far: no jump is looked for in them."""
         self._count = 0
         self._lately: deque[float] = deque(maxlen=3 * CANDIDATES)
         kinds = (4, self._n)
@@ -49,7 +49,7 @@ class JumpDetector:
         self._ratio = np.zeros((2, CANDIDATES))
 
     def add(self, innovation: Innovation, seconds: float, imperfection: float) -> Jump | None:
-        """One more row; the jump where one is found."""
+        """Take one more row; return the jump, if one is found."""
         self._count = min(self._count + 1, CANDIDATES)
         # candidates move one place back, a new one begins at this row
         theta = advanced(
@@ -70,7 +70,7 @@ class JumpDetector:
         covariance = self._likely(theta, float(self._sizes[0][theta][0]))
         size = covariance @ self._d[0][theta]
         near = np.flatnonzero(self._ratio.max(axis=0) > likeliest - AS_LIKELY) + 1
-        # later instants than that of the youngest candidate were not tried
+        # instants later than that of the youngest candidate were not tried
         latest = 1 if near[0] == ROWS_LEAST else int(near[0])
         return Jump(
             theta + 1, (int(near[-1]), latest), float(self._ratio[0][theta]), float(self._ratio[1][theta]), size, covariance, response,

@@ -1,4 +1,4 @@
-"""The loops of the search for a jump, compiled by Numba: traces of every candidate, and the likeliest."""
+"""Numba loops of the search for a jump: traces of every candidate, and the likeliest candidate."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ import numpy as np
 
 @numba.njit(cache=True)
 def traces(lag, c, d, direct, h, gain, decay, inverse, y, prior, count, size, ratio):  # type: ignore[no-untyped-def]
-    """One more row for every candidate of a jump with m numbers; candidates stand youngest first and move back one place here.
+    """Add one row to every candidate of a jump with m numbers; candidates are ordered youngest first and move back one place here.
 
-    lag (C, x, m) what the filter has followed, c (C, m, m) and d (C, m) the normal equations, direct (k, m), h (k, x), gain (x, k),
-    decay (x,), inverse (k, k), y (k,), prior (m, m); size (C, m) and ratio (C,) come out.
+    lag (C, x, m) is what the filter has followed, c (C, m, m) and d (C, m) are the normal equations; direct (k, m), h (k, x), gain (x, k),
+    decay (x,), inverse (k, k), y (k,), prior (m, m). size (C, m) and ratio (C,) are outputs.
     """
     states, m, rows = h.shape[1], direct.shape[1], len(y)
     trace, weighted, factor = np.empty((rows, m)), np.empty((m, rows)), np.empty((m, m))
@@ -48,7 +48,7 @@ def traces(lag, c, d, direct, h, gain, decay, inverse, y, prior, count, size, ra
                 d[i, a] += weighted[a, r] * y[r]
                 for b in range(m):
                     c[i, a, b] += weighted[a, r] * trace[r, b]
-        # the likeliest size by Cholesky's factor of C + prior
+        # the likeliest size, by the Cholesky factor of C + prior
         for a in range(m):
             for b in range(a + 1):
                 value = 0.5 * (c[i, a, b] + c[i, b, a]) + prior[a, b]
@@ -72,9 +72,9 @@ def traces(lag, c, d, direct, h, gain, decay, inverse, y, prior, count, size, ra
 
 @numba.njit(cache=True)
 def advanced(lags, cs, ds, h, used, gain, decay, inverse, y, clip, priors, count, least, sizes_, both):  # type: ignore[no-untyped-def]
-    """`traces` of a payload and of any torque on the joints, y at most `clip` standard deviations; the likeliest candidate.
+    """Run `traces` for a payload and for any torque on the joints, with y clipped at `clip` standard deviations; return the likeliest candidate.
 
-    lags, cs, ds, priors and sizes_ hold both kinds' arrays, both (2, C) the ratios, of candidates with at least `least` rows.
+    lags, cs, ds, priors and sizes_ hold the arrays of both kinds. both (2, C) holds the ratios, 0 for candidates with fewer than `least` rows.
     """
     k = len(y)
     within, load, torque = np.empty(k), np.empty((k, 4)), np.zeros((k, len(used)))

@@ -1,4 +1,4 @@
-"""The loops of a watcher that run fifty times a second, compiled by Numba: slip, and integrals of a block."""
+"""Numba loops that a watcher runs fifty times a second: slip, integrals of a block, and the steps of the filter."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 
 @numba.njit(cache=True)
 def slip_on(q, before, slip, width, out):  # type: ignore[no-untyped-def]
-    """Dahl's law for all joints: q (N, n) rad after `before` (n,), slip (n,) then, width (N, n) rad; out (N, n)."""
+    """Slip by Dahl's law for all joints, out (N, n): q (N, n) rad follows `before` (n,) rad with slip (n,); width (N, n) rad."""
     for j in range(q.shape[1]):
         z, x = slip[j], before[j]
         for k in range(q.shape[0]):
@@ -21,10 +21,11 @@ def slip_on(q, before, slip, width, out):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True)
 def columns(static, around, pi, rotor, dq, step, column, momentum, gravity):  # type: ignore[no-untyped-def]
-    """What one sample brings to the integrals of its block, all outputs (n, 14) but gravity (n,) N m, the torque at no acceleration.
+    """Contribution of one sample to the integrals of its block.
 
-    static (1, n, 10 n) regressor at rest acceleration; around (3, n, 10 n) regressor of the momentum here, ahead and behind by `step`
-    s. column: the model's torque, three left for others to fill, [m, m c, I] of the last link; momentum: the same of the momentum.
+    static (1, n, 10 n) is the regressor at zero acceleration; around (3, n, 10 n) that of the momentum here, and `step` s ahead and behind.
+    Outputs: column (n, 14), the model's torque, three columns that `half` fills, and [m, m c, I] of the last link; momentum (n, 14), the
+    same of the momentum; gravity (n,) N m, the torque at zero acceleration.
     """
     n = len(dq)
     last = static.shape[2] - 10
@@ -48,8 +49,8 @@ def columns(static, around, pi, rotor, dq, step, column, momentum, gravity):  # 
 def half(t, columns, momenta, torque, slip, dq, sure, rising, falling, momentum, sliding, slowest):  # type: ignore[no-untyped-def]
     """Integrals of one block of N samples under the two sides of the triangle, by the trapezoidal rule, and its mean momentum, (n, 14).
 
-    columns, momenta (N, n, 14) of `columns`, torque, slip, dq (N, n); sliding (n,) is the direction in which a joint slid all the time,
-    slip at least `sure`, else 0, and slowest (n,) rad/s.
+    columns, momenta (N, n, 14) are outputs of `columns`; torque, slip, dq (N, n). sliding (n,) is the direction in which a joint slid
+    throughout, with slip of at least `sure`, else 0; slowest (n,) rad/s is its least speed.
     """
     count, n = dq.shape
     seconds = t[count - 1] - t[0]
@@ -76,7 +77,7 @@ def half(t, columns, momenta, torque, slip, dq, sure, rising, falling, momentum,
 
 @numba.njit(cache=True)
 def predicted(x, covariance, decay, walk, seconds, slow, first):  # type: ignore[no-untyped-def]
-    """x = F x and P = F P F^T + Q as new arrays, with F = diag(decay) and Q = diag(walk) `seconds`, but from `first` on (1 - F^2) slow."""
+    """x = F x and P = F P F^T + Q as new arrays, with F = diag(decay) and Q = diag(walk) `seconds`, (1 - F^2) slow from index `first` on."""
     size = len(decay)
     ahead, grown = np.empty(size), np.empty((size, size))
     for a in range(size):
@@ -89,9 +90,9 @@ def predicted(x, covariance, decay, walk, seconds, slow, first):  # type: ignore
 
 @numba.njit(cache=True)
 def left(residual, payload, slip, speed, x, mass_least, farthest, out):  # type: ignore[no-untyped-def]
-    """out (n,) N m: what payload and friction of state x leave of a row; a mass below `mass_least` kg has no inertia of its own.
+    """Residual of a row after payload and friction of state x, out (n,) N m; a mass below `mass_least` kg has no inertia of its own.
 
-    The inertia of a point mass m at c about the last joint's origin is m (c^2 1 - c c^T), each part of c at most `farthest` m.
+    The inertia of a point mass m at c about the last joint's origin is m (c^2 1 - c c^T), each component of c at most `farthest` m.
     """
     n = len(residual)
     inertia = np.zeros(6)
@@ -119,9 +120,9 @@ def left(residual, payload, slip, speed, x, mass_least, farthest, out):  # type:
 def updated(used, payload, slip, speed, left, x, covariance, white, spread, doubt, outlier, h, y, inverse, gain):  # type: ignore[no-untyped-def]
     """x + K y and (I - K H) P (I - K H)^T + K R K^T as new arrays, and the NIS of y with variance `spread` in place of `white`.
 
-    left (n,) what payload and friction of state x leave of a row; white, spread (n,) variances and doubt (n,) a deviation of the noise.
-    Of the `used` joints h (k, x), y (k,), inverse (k, k) of S = h P h^T + diag(white + doubt^2) and gain K (x, k) come out; a joint whose
-    y lies beyond `outlier` standard deviations gets as much noise in R as makes it lie there.
+    left (n,) is the residual of a row after payload and friction of state x; white, spread (n,) are variances of the noise, doubt (n,) a
+    standard deviation. Outputs for the `used` joints: h (k, x), y (k,), inverse (k, k) of S = h P h^T + diag(white + doubt^2), gain K (x, k).
+    If a joint's y lies beyond `outlier` standard deviations, its noise in R is raised until y lies there.
     """
     n, k, i = len(used), len(y), 0
     h[:] = 0.0
@@ -162,11 +163,11 @@ def updated(used, payload, slip, speed, left, x, covariance, white, spread, doub
 
 @numba.njit(cache=True)
 def sizes(left, recent_used, now, used, gain, fade, clip, floor, products, slow, white):  # type: ignore[no-untyped-def]
-    """Sizes of slow and white noise of each joint from what rows leave: `now` (n,) of the `used` joints, and the two rows before.
+    """Variances of slow and white noise of each joint from residuals of rows: `now` (n,) of the `used` joints, and the two rows before.
 
-    left, recent_used (3, n) are the last three rows, newest first, clipped at `clip` deviations, and move back one place here; products (3, n)
-    are mean products with the row itself, the one before, and the one before that, which nothing is learnt of where `gain` is 0; slow,
-    spread and white (n,) N^2 m^2 come out as new arrays.
+    left, recent_used (3, n) hold the last three rows, newest first, clipped at `clip` standard deviations; they move back one place here.
+    products (3, n) are mean products with the row itself, the one before and the one before that; they keep their values where `gain` is 0.
+    slow, spread and white (n,) N^2 m^2 are returned as new arrays.
     """
     n = len(now)
     left[2], left[1] = left[1], left[0]

@@ -1,7 +1,7 @@
-"""The gate of physics on the first motion that a live watch sees: until then nobody knows whose readings they are, or in which units.
+"""The gate of physics on the first motion of a live watch: until then it is unknown whose readings they are, and in which units.
 
-It runs once, when enough motion was seen or at the end, in a thread of its own so that no reading is missed. What happens to the arm
-later, and what is lost on the way, is for the watch itself to report: a contact, a load or a gap is no wrong recording.
+It runs once, after enough motion or at the end, in its own thread so that no reading is missed. Later changes of the arm, and lost
+readings, are for the watch itself to report: a contact, a load or a gap does not make a recording wrong.
 """
 
 from __future__ import annotations
@@ -21,14 +21,14 @@ from sim.arm import Arm
 from sim.joint_state import JointState
 
 ENOUGH = 10.0  # s with a joint in motion
-LONGEST = 60.0  # s of readings that are kept for it
-RATE_MOST = 125.0  # Hz of them
+LONGEST = 60.0  # s of readings that are kept for the gate
+RATE_MOST = 125.0  # Hz at which they are kept
 FEWEST = 32  # readings
-LOSSES = "losses"  # the gate's check that a watch answers with events
+LOSSES = "losses"  # the check of the gate that a watch replaces by events
 
 
 class LiveGate:
-    """`add` every reading; it returns why they cannot be the arm's, as soon as that is known. `end` waits for the answer."""
+    """`add` takes every reading and returns why they cannot be the arm's, as soon as that is known; `end` waits for the result."""
 
     def __init__(self, arm: Arm, name: str, rate: float, gravity: np.ndarray | None = None) -> None:
         self._arm = arm if gravity is None else replace(arm, tree=replace(arm.tree, gravity=gravity))
@@ -40,7 +40,7 @@ class LiveGate:
         self._pending: Future[str | None] | None = None
 
     def add(self, state: JointState) -> str | None:
-        """One reading, in the order of time."""
+        """Take one reading, in order of time."""
         if self._pending is not None:
             return self._pending.result() if self._pending.done() else None
         if np.isfinite(state.t_device) and not (self._kept and state.t_device - self._kept[-1].t_device < 0.9 * self._period):
@@ -51,7 +51,7 @@ class LiveGate:
         return None
 
     def end(self) -> str | None:
-        """The answer about all that was read, however little it was."""
+        """The result for everything that was read, however little."""
         self._pool.shutdown()
         return self._pending.result() if self._pending is not None else _refusal(self._arm, self._name, list(self._kept))
 

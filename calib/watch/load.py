@@ -1,7 +1,7 @@
-"""What is mounted at the flange, and whether what the joints feel is a load, a touch, or nothing: decided over the rows of a motion.
+"""What is mounted at the flange, and whether a change of torque is a load, a contact or nothing: decided over the rows of a motion.
 
-A change that the detector finds is at first only a change. If a load at the flange explains it, it becomes a payload once it has lasted
-`CONFIRM` seconds of motion; if not, or if it passes, it was a contact. A steady push straight down at the flange is a load until it ends.
+A detected change is undecided at first. If a load at the flange explains it and it lasts for `CONFIRM` seconds of motion, it is a payload.
+Otherwise, or if it passes, it was a contact. A steady push straight down at the flange counts as a load until it ends.
 """
 
 from __future__ import annotations
@@ -18,22 +18,22 @@ from calib.watch.momentum import Row
 from sim.arm import Arm
 
 CONFIRM = 0.4  # s of motion after which a change that lasts is a payload
-UNDECIDED = 3.0  # s of motion after which a change that proved nothing is dropped
-SHARE = 0.6  # of the evidence for any torque that a load at the flange must carry
-AS_BEFORE = 2.5  # mean square of what the state of before leaves, in units of its variance
+UNDECIDED = 3.0  # s of motion after which an undecided change is dropped
+SHARE = 0.6  # of the evidence for any torque, which a load at the flange must reach
+AS_BEFORE = 2.5  # mean square residual, over its variance, below which the state before the change fits again
 CALM_ROWS = 6
-RESTED = 0.2  # s without an informative row: longer than every joint takes to turn round
-LASTS = 5.0  # s of motion of an unexplained torque after which the model is not the arm's any more
+RESTED = 0.2  # s without an informative row: longer than any joint takes to reverse
+LASTS = 5.0  # s of motion with an unexplained torque after which the model no longer fits the arm
 SURE = 5.0  # standard deviations
-FLOOR = 0.03  # of the mass scale: what no claim is made of
+FLOOR = 0.03  # of the mass scale: nothing smaller is claimed
 FAR = 0.35  # of the reach: no centre of mass lies further from the last joint
-JOINTS_LEAST, JOINT_SECONDS = 3, 2.0  # motion before a load is known at all
-KNOWN = 0.04  # of the mass scale: standard deviation at which it is known
+JOINTS_LEAST, JOINT_SECONDS = 3, 2.0  # joints, and s of motion of each, before a load is known at all
+KNOWN = 0.04  # of the mass scale: standard deviation at which a load is known
 
 
 @dataclass
 class _Open:
-    """A change that is not decided: when it began, the estimate before, motion since, how well old and new estimate fit."""
+    """An undecided change: when it began, the estimate before it, motion since, and how well the old and the new estimate fit."""
 
     began: tuple[float, float]
     before: FilterState
@@ -45,10 +45,10 @@ class _Open:
 
 
 class LoadWatch:
-    """Rows in, events out; `moved` (n,) s of informative motion, `claimed` the mass that an event has said is there."""
+    """Rows in, events out; `moved` (n,) is the informative motion, s; `claimed` the mass that an event has reported."""
 
     def __init__(self, arm: Arm, filter_: TorqueFilter, known: np.ndarray) -> None:
-        """`known` (4,) [m, m c] is the payload that the arm's own model already has."""
+        """`known` (4,) is [m, m c] of the payload that the arm's model already contains."""
         self._arm, self._filter, self._known = arm, filter_, known
         self._detector = JumpDetector(filter_)
         self._open: _Open | None = None
@@ -74,11 +74,11 @@ class LoadWatch:
         return self._open is not None
 
     def mass(self) -> Quantity:
-        """Mass at the flange, what the model has included."""
+        """Mass at the flange, including that in the model."""
         return Quantity(float(self._filter.x[0] + self._known[0]), float(np.sqrt(self._filter.covariance[0, 0])), "kg")
 
     def com(self) -> tuple[Quantity, Quantity, Quantity] | None:
-        """Centre of mass in the last link's frame; None where there is too little mass to have one."""
+        """Centre of mass in the last link's frame; None where the mass is too small to determine one."""
         mass = self.mass()
         if not mass.value > max(3 * mass.std, self.least):
             return None
@@ -89,7 +89,7 @@ class LoadWatch:
         return x, y, z
 
     def add(self, row: Row, trusted: bool) -> tuple[list[WatchEvent], Innovation | None]:
-        """What this row decides; nothing before the model is `trusted` to be this arm's."""
+        """Events of this row, and its innovation; no change is considered before the model is `trusted` to be this arm's."""
         if np.isnan(self._began):
             self._began = row.t
         used = self._filter.usable(row)
@@ -98,7 +98,7 @@ class LoadWatch:
             self._filter.add(row)
             return [], None
         began = row.t - 2 * row.seconds
-        if self._rest > RESTED:  # what was loaded or taken off meanwhile is no jump within the rows before
+        if self._rest > RESTED:  # a load added or removed meanwhile is not a jump within the earlier rows
             self._detector.forget()
             began -= self._rest
         self._rest = 0.0
@@ -154,7 +154,7 @@ class LoadWatch:
         return []
 
     def _as_before(self, row: Row, used: np.ndarray, open_: _Open) -> bool:
-        """Whether the estimate before the change explains the rows again, where it would not if the change were still there."""
+        """Whether the estimate from before the change explains the rows again, as it would not if the change persisted."""
         old, new = (self._filter.left(row, x)[used] / self._filter.noise[used] for x in (open_.before.x, self._filter.x))
         apart = float(np.mean((old - new) ** 2))
         worst = float(np.mean(old**2))
@@ -195,8 +195,8 @@ class LoadWatch:
         size = {"torque": Quantity(float(left[j]), float(self._filter.noise[j]), "N*m")}
         joint = self._arm.joint_names[j]
         text = (
-            f"for {LASTS:g} s of motion neither a payload nor friction explains the torque, {joint} by {size['torque']}: the model is "
-            "not this arm's any more; record a log and run calib diagnose"
+            f"for {LASTS:g} s of motion neither a payload nor friction explains the torque ({joint}: {size['torque']}): the model no "
+            "longer fits this arm; record a log and run calib diagnose"
         )
         return [WatchEvent(Kind.MODEL_INVALID, row.t, open_.began, text, size, joint)]
 
@@ -205,11 +205,11 @@ class LoadWatch:
         j = int(np.argmax(np.abs(torque) / self._filter.noise))
         joint = self._arm.joint_names[j]
         size = Quantity(float(torque[j]), float(self._filter.noise[j]), "N*m")
-        text = f"something touched the arm or pulls at it: {joint} carries {size} more, and no load at the flange does that"
+        text = f"something touched the arm or pulls on it: {joint} carries {size} more, which no load at the flange explains"
         return WatchEvent(Kind.UNEXPECTED_CONTACT, row.t, self._open.began, text, {"torque": size}, joint)
 
     def _claimed(self, row: Row, trusted: bool) -> list[WatchEvent]:
-        """A load that was there from the start, or came while the arm stood or crept: claimed when it has been sure for a while."""
+        """Claim a load that was there from the start, or came while the arm stood or crept, once it has been sure for `CONFIRM` s."""
         enough = bool(np.count_nonzero(self.moved >= JOINT_SECONDS) >= min(JOINTS_LEAST, self._arm.n))
         self.settled |= enough and bool(self._filter.covariance[0, 0] < (KNOWN * self._filter.mass_scale) ** 2)
         if not trusted or not self._differs(self.announced, self._announced_std):
@@ -238,7 +238,7 @@ class LoadWatch:
         removed = abs(mass.value) < max(self.least, 3 * mass.std)
         self.claimed = None if removed else mass
         if removed:
-            text = f"payload removed: {before:.3g} kg are gone, {mass} remain"
+            text = f"payload removed: {before:.3g} kg gone, {mass} remain"
             return [WatchEvent(Kind.PAYLOAD_REMOVED, t, began, text, size)]
         com = self.com()
         where = ""

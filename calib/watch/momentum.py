@@ -1,8 +1,8 @@
-"""int w (tau - h) dt + int w' p dt = int w d dt: what the model leaves of the torque, without any acceleration.
+"""int w (tau - h) dt + int w' p dt = int w d dt: the torque d that the model does not explain, without any acceleration.
 
-p = (M + I_a) dq is the momentum and h = g - C^T dq, so that dp/dt = tau - h + (what the model lacks). The observer of A. De Luca and
-R. Mattone (2003), doi:10.1109/ROBOT.2003.1241998, weights the past by an exponential; here the weight w is a triangle over two
-blocks of samples, which keeps the balance exact for any sampling instants and makes the noise of neighbouring rows nearly white:
+p = (M + I_a) dq is the momentum and h = g - C^T dq, so that dp/dt = tau - h - d. The observer of A. De Luca and R. Mattone (2003),
+doi:10.1109/ROBOT.2003.1241998, weights the past by an exponential. Here the weight w is a triangle over two blocks of samples, which
+keeps the balance exact for any sampling instants and makes the noise of neighbouring rows nearly white:
 
     d = (int w (tau - h) dt - (mean p of this block - mean p of the block before)) / int w dt
 
@@ -30,10 +30,11 @@ COLUMNS = 14
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """The balance over two blocks; t s on the device clock, of the last sample.
+    """The balance over two blocks; t s, on the device clock, is that of the last sample.
 
-    residual (n,) N m that the model leaves of torque (n,) N m on the links; payload (n, 10) per [m, m c, I] of a body at the flange; slip (n,) and speed (n,) rad/s mean
-    over the window; sliding (n,) whether the joint slid one way all the time; slowest (n,) rad/s in the window; seconds of the last block.
+    residual (n,) N m is the part that the model does not explain of torque (n,) N m on the links. payload (n, 10) is the regressor of
+    [m, m c, I] of a body at the flange. slip (n,) and speed (n,) rad/s are means over the window, slowest (n,) rad/s is the least speed
+    in it. sliding (n,): whether the joint slid one way throughout. seconds: duration of the last block.
     """
 
     t: float
@@ -60,7 +61,7 @@ class _Half:
 
 
 class MomentumBalance:
-    """Samples in, a row for every block of `length` of them; `forget` after a gap, because a balance never reaches across one."""
+    """Samples in, a row for every block of `length` samples; call `forget` after a gap, because no balance may span one."""
 
     def __init__(self, arm: Arm, gravity: np.ndarray | None = None, length: int = 10) -> None:
         self.drives = DriveTorque(arm)
@@ -69,20 +70,20 @@ class MomentumBalance:
         self._pi = self._bodies.parameters()
         self._still, self._speeds = np.zeros((2, 3, arm.n))
         self._since = np.nan
-        # of every sample of the block, whose first is the last of the block before: t, motion, and the columns that are integrated
+        # for every sample of the block, whose first is the last of the block before: t, motion, and the columns to integrate
         self._t, self._motion = np.empty(length + 1), np.empty((3, length + 1, arm.n))
         self._columns, self._momenta = np.empty((2, length + 1, arm.n, COLUMNS))
         self._gravity = np.empty((length + 1, arm.n))
         self.forget()
 
     def forget(self) -> None:
-        """Begin anew: the next block has no neighbour."""
+        """Start afresh: the next block has no predecessor."""
         self._before: _Half | None = None
         self._count = 0
         self.drives.forget()
 
     def add(self, t: float, q: np.ndarray, dq: np.ndarray, tau: np.ndarray) -> Row | None:
-        """One sample, t s, q dq tau (n,); the row where it closes a block that is not the first."""
+        """Take one sample, t s, q dq tau (n,); return a row if it closes a block other than the first."""
         self._take(t, q, dq, tau)
         if self._count < len(self._t):
             return None
@@ -101,7 +102,7 @@ class MomentumBalance:
         )  # fmt: skip
 
     def _take(self, t: float, q: np.ndarray, dq: np.ndarray, tau: np.ndarray) -> None:
-        """The rigid bodies' part of the work, when the sample comes: the sample that closes a block has little left to do."""
+        """Do the rigid-body work as each sample arrives, so that little remains for the sample that closes a block."""
         k = self._count
         if np.isnan(self._since):
             self._since = t

@@ -1,4 +1,4 @@
-"""What the watcher shows of an arm at one instant."""
+"""A watcher's estimates for an arm at one instant."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ class Declared:
 
 @dataclass(frozen=True)
 class Picture:
-    """What a watcher believes now.
+    """A watcher's present estimates.
 
-    nis is the normalised innovation squared over its degrees of freedom, averaged over the last motion: 1 where the filter is
-    consistent, NaN before the first motion. moved (n,) s of informative motion, seconds (n,) of it since the load is known; residual
-    (n,) N m RMS that nothing explained in these; claimed is the mass that the last event of a load said, None where none did;
-    hidden kg is the largest mass that static friction can hide in the present pose, None while the arm moves. broken: hardly a reading
-    of the present motion could be used.
+    nis is the normalised innovation squared over its degrees of freedom, averaged over recent motion: 1 where the filter is consistent,
+    NaN before the first motion. moved (n,) is s of informative motion, seconds (n,) the part of it since the load was known, residual (n,)
+    the unexplained N m RMS in that part. claimed is the mass that the last load event reported, None where none did. hidden, kg, is the
+    largest mass that static friction can hide in the present pose, None while the arm moves. broken: hardly any reading of the present
+    motion could be used.
     """
 
     t: float
@@ -51,7 +51,7 @@ class Picture:
     broken: bool = False
 
     def measured(self, j: int) -> JointFriction | None:
-        """The friction of joint j; None where it has not moved, because its numbers are then the arm file's."""
+        """Friction of joint j; None where it has not moved, because its numbers are then those of the arm's file."""
         return self.friction[j] if self.moved[j] > 0 else None
 
     @property
@@ -82,7 +82,7 @@ class Picture:
 
     @property
     def _load(self) -> str:
-        """What is at the flange; a load that was reported stays until its removal is."""
+        """What is at the flange; a reported load stays until its removal is reported."""
         if self.payload.value > 3 * self.payload.std:
             return f"{self.payload} at the flange"
         if self.claimed is not None:

@@ -1,15 +1,15 @@
-"""How often readings really come: a block of the momentum balance is a number of them, and must last as long as it is meant to."""
+"""The actual rate of readings: a block of the momentum balance is a fixed number of them, and must last as long as intended."""
 
 from __future__ import annotations
 
 import numpy as np
 
-READINGS = 200  # over which it is measured
-OFF = 1.5  # times the stated period, or its share: twice the rate leaves a load and the filter's consistency as they are, 2.5 times does not
+READINGS = 200  # over which the rate is measured
+OFF = 1.5  # ratio to the stated period, either way: twice the rate leaves a load and the filter's consistency intact, 2.5 times does not
 
 
 class RateWatch:
-    """`add` the instant of every reading; once, after READINGS of them, the period s that they come in where it is not the stated one."""
+    """`add` takes the instant of every reading; after READINGS of them it returns their period, s, once, if it is not the stated one."""
 
     def __init__(self, rate: float) -> None:
         self._stated = 1.0 / rate
@@ -26,7 +26,7 @@ class RateWatch:
         self._steps.append(step)
         if len(self._steps) < READINGS:
             return None
-        # bursts are no faster rate, and some gaps no slower one
+        # bursts do not mean a faster rate, nor a few gaps a slower one
         mean, median = float(np.mean(self._steps)), float(np.median(self._steps))
         if mean < self._stated / OFF:
             return mean

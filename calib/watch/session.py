@@ -1,8 +1,8 @@
-"""One watch from the first reading to the last: every event goes to the log's /events, to events.jsonl, and to whoever listens.
+"""One watch from the first reading to the last: every event goes to the log's /events, to events.jsonl and to the caller.
 
-DIR/events.jsonl   one event a line, as they came
-DIR/watch.mcap     the events on /events, and one reading a second; with `samples` every reading. Watched itself, it is the same run
-DIR/watch.json     the estimates at the end; the same goes into the table of trends
+DIR/events.jsonl   one event a line, in order
+DIR/watch.mcap     the events on /events, and one reading a second; with `samples` every reading. Watched itself, it counts as the same run
+DIR/watch.json     the estimates at the end, which also go into the table of trends
 """
 
 from __future__ import annotations
@@ -29,15 +29,15 @@ from logs.recorder import Recorder
 from logs.recording import COMPLETED, ERROR, INFO
 from sim.errors import BadLog, DeviceError
 
-DECLARED_EVERY = 0.2  # s between two questions about the declared payload
+DECLARED_EVERY = 0.2  # s between two queries of the declared payload
 
 
 @dataclass(frozen=True)
 class Watched:
-    """What a watch found: the events, the last picture, seconds watched, and whether its numbers went into the table of trends.
+    """Result of a watch: the events, the last picture, seconds watched, and whether its numbers were kept in the table of trends.
 
-    started is when the readings were recorded, or, where `dated` is "watched", only when they were watched. fault is what the device, or
-    the disk, ended it with; refusal why the readings cannot be the arm's: then nothing is claimed.
+    started is when the readings were recorded or, where `dated` is "watched", only when they were watched. fault is the error of the
+    device or the disk that ended the watch. refusal is why the readings cannot be the arm's; nothing is claimed then.
     """
 
     source: Source
@@ -59,7 +59,7 @@ class Watched:
 
     @property
     def concerns(self) -> tuple[WatchEvent, ...]:
-        """The events that somebody should look at."""
+        """The events that need attention."""
         return tuple(e for e in self.events if e.kind in CONCERNS)
 
     def as_dict(self) -> dict[str, Any]:
@@ -94,18 +94,18 @@ def watch(
     on_picture: Callable[[float, Watcher], None] = lambda share, watcher: None,
     now: Callable[[], datetime] = lambda: datetime.now(UTC),
 ) -> Watched:
-    """Watch to the end of the log, or for `seconds` of the device's clock; on_picture gets the share done.
+    """Watch to the end of the log, or for `seconds` on the device's clock; on_picture gets the share done.
 
-    A device that fails ends it as well: what was seen until then is the answer, with the fault in it.
+    A device failure ends the watch as well: the result then holds what was seen so far, and the fault.
 
-    BadLog where live readings cannot be the arm's (calib.watch.live_gate); what was read until then stays in the folder, and the reason
-    in its watch.json.
+    BadLog where live readings cannot be the arm's (calib.watch.live_gate). What was read so far stays in the folder, and watch.json
+    states the reason.
     """
     started = source.recorded or now()
     dated = WATCHED if source.recording and source.recorded is None else RECORDED
     recording = source.recording or f"{source.name} {started.isoformat()}"
     if database is not None and database.exists():
-        with TrendTable(database):  # one that is none is refused before anything is watched
+        with TrendTable(database):  # a file that is not a table is refused before anything is watched
             pass
     rehearse(source.arm, source.rate)
     watcher = Watcher(source.arm, source.rate, source.declared_now(), source.gravity)
@@ -130,7 +130,7 @@ def watch(
     ):
         try:
             for state in until(source.states, seconds):
-                if np.isfinite(state.t_device):  # one without an instant cannot be recorded
+                if np.isfinite(state.t_device):  # a reading without a time cannot be recorded
                     first, last = (state.t_device if np.isnan(first) else first), state.t_device
                     if samples or not last - written < 1.0:
                         written = last

@@ -1,4 +1,4 @@
-"""Where readings come from: a cell that somebody else moves, or a log; for a watcher both are the same."""
+"""Sources of readings: a cell that another program moves, or a log. A watcher treats both alike."""
 
 from __future__ import annotations
 
@@ -31,10 +31,10 @@ from sim.joint_state import JointState
 
 @dataclass(frozen=True)
 class Source:
-    """Readings of an arm: `states` gives each once, in order; `declared_now` the payload that is declared at that time.
+    """Readings of an arm: `states` yields each once, in order; `declared_now` returns the payload that is declared at that time.
 
-    duration s is known for a log; gravity (3,) m/s^2 where the device or log states its mounting; t_origin s on the
-    device clock is where the readings' own time is zero; facts go into the record; gated: nobody has examined the readings before.
+    duration s is known for a log; gravity (3,) m/s^2 where the device or log states its mounting; t_origin s is the instant on the
+    device clock at which the readings' own time is zero; facts go into the record; gated: the readings have not passed the gate yet.
     recording: a log's digest; recorded: when it was made, None where it does not state that.
     """
 
@@ -62,9 +62,9 @@ def open_source(
     accept_partial: bool = False,
     assume: Sequence[str] = (),
 ) -> Iterator[Source]:
-    """A log, or a cell by its name or file; `arm` replaces the arm that they name, as a calibrated one should.
+    """A log, or a cell by its name or file; `arm`, for example the calibrated one, replaces the arm that they name.
 
-    assume: words of `calib.gate.correction` that say how a log is to be read; for a cell, whose driver knows, only `as-recorded`.
+    assume: words of `calib.gate.correction` that state how to read a log; for a cell, which its driver reads, only `as-recorded`.
     """
     if is_log(reference):
         yield from_log(Path(reference), arm, configs, accept_partial, assume)
@@ -113,16 +113,16 @@ def open_source(
 def from_log(
     path: Path, arm: str | None = None, configs: Path | None = None, accept_partial: bool = False, assume: Sequence[str] = ()
 ) -> Source:  # fmt: skip
-    """The readings of a log, of the arm that it names or that is named for it; BadLog where it cannot be that arm's."""
+    """Readings of a log, for `arm` or else the arm that the log names; BadLog where they cannot be that arm's."""
     require_file(path)
     about = read_log(path, accept_partial=accept_partial)
     arm_of_log = about.metadata.get("arm")
     if not (arm or arm_of_log):
-        raise ConfigError(f"{path}: does not say which arm it is of; name it with --arm")
+        raise ConfigError(f"{path}: does not state which arm it is of; name it with --arm")
     model = load_arm(arm, configs) if arm else recorded_arm(path, configs)
     if arm_of_log and model.name != arm_of_log:
         raise BadLog(
-            f"{path}: was recorded of {arm_of_log}, the arm given is {model.name}: nothing that it shows would be about this arm; "
+            f"{path}: is a recording of {arm_of_log}, the arm given is {model.name}: it would show nothing about this arm; "
             "leave --arm out, or name an arm folder of that arm"
         )
     read = read_log(path, model.joint_names, accept_partial=accept_partial)
@@ -133,7 +133,7 @@ def from_log(
     if silent.any() and (model.torque_constant is None or not np.isfinite(log.current[:, silent]).any(axis=0).all()):
         names = ", ".join(j for j, s in zip(model.joint_names, silent, strict=True) if s)
         raise ConfigError(
-            f"{path}: no torque of {names}, and no current with a torque constant of {model.name} to make one of; write torque_constant "
+            f"{path}: no torque of {names}, and no current with a torque constant of {model.name} to compute one; write torque_constant "
             "into its arm.toml, or record effort"
         )
     steps = np.diff(log.t)
@@ -162,7 +162,7 @@ def _mounting(log: Log) -> np.ndarray | None:
     try:
         gravity = np.array([float(x) for x in json.loads(text)])
     except (ValueError, TypeError, RecursionError) as error:
-        raise BadLog(f"{log.path}: mounting = {text[:80]!r} is no gravity ({error}); correct its metadata") from error
+        raise BadLog(f"{log.path}: mounting = {text[:80]!r} is not a gravity vector ({error}); correct its metadata") from error
     if not is_finite(gravity, 3):
         raise BadLog(f"{log.path}: mounting = {text[:80]!r} is not three finite numbers, m/s^2; correct its metadata")
     return gravity
@@ -180,7 +180,7 @@ def _declared(log: Log) -> Declared | None:
             table = json.loads(about["payload"])
             return _of_numbers(table["mass"], table["com"], "the cell file")
     except (ValueError, TypeError, KeyError, RecursionError) as error:
-        raise BadLog(f"{log.path}: what it says about its payload is not understood ({error}); correct its metadata") from error
+        raise BadLog(f"{log.path}: its metadata about the payload cannot be read ({error}); correct its metadata") from error
     return None
 
 

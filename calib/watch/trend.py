@@ -2,8 +2,9 @@
 
     friction_i = level + slope (t_i - t_0) + thermal (T_i - mean T) + noise,    noise ~ N(0, std_i^2 + scatter^2)
 
-Weighted least squares; `scatter` is what runs differ by beyond their own standard deviations. Temperature is a regressor where the runs
-differ by more than a kelvin: a warm run must not look like a worn joint. Runs whose date is only when they were watched have no t.
+Weighted least squares; `scatter` is how much runs differ beyond their own standard deviations. Temperature is a regressor where the runs
+differ by more than a kelvin: a warm run must not look like a worn joint. Runs dated only by when they were watched have no t and are
+left out.
 """
 
 from __future__ import annotations
@@ -15,18 +16,18 @@ from scipy.special import stdtr, stdtrit
 
 from calib.watch.trend_table import RECORDED, RunRecord
 
-RUNS_LEAST = 4  # on as many days: the runs of a day share its warmth
-# between the first run and the last: what comes and goes within a day, or with one week's work, would be extrapolated more than fourteenfold
+RUNS_LEAST = 4  # on as many days: the runs of a day share its temperature
+# between the first run and the last: over less, an effect of one day or one week's work would be extrapolated more than fourteenfold
 DAYS_LEAST = 7.0
-CHANCE = 0.001  # that a healthy joint is called worn
+CHANCE = 0.001  # probability that a healthy joint is called worn
 DAY = 86400.0
 
 
 @dataclass(frozen=True)
 class Slope:
-    """How the friction of a joint changes: relative change in 100 days with its 95 % interval; None where there is too little of what `lacks` says.
+    """Relative change of a joint's friction in 100 days, with its 95 % interval; None where there are too few of what `lacks` names.
 
-    `wears` requires more than the interval: an arm has a dozen frictions, and one in twenty would be called worn by chance.
+    `wears` requires more than the interval: an arm has a dozen friction values, and one in twenty would be called worn by chance.
     """
 
     joint: str
@@ -45,7 +46,7 @@ def dated(runs: list[RunRecord]) -> list[RunRecord]:
 
 
 def over_days(runs: list[RunRecord]) -> bool:
-    """Whether the runs can be shown over time: every one has a date, and they are not all of one minute."""
+    """Whether the runs can be shown over time: every one has a date, and they span more than a minute."""
     return dated(runs) == runs and (runs[-1].started - runs[0].started).total_seconds() > 60.0
 
 

@@ -1,8 +1,8 @@
 """Friction, payload, residual and temperature of many runs of an arm, in one small SQLite table.
 
-A recording is known again by its samples and not by its name, and dated by when it was made, as far as it states that: `dated` says
-which. Version 1 kept one run for all recordings of a name and dated each by when it was watched; its rows are kept and say so. Version 2
-kept neither cell nor serial number; a recording that is watched again gets them.
+A recording is identified by its samples, not by its name. It is dated by when it was made if it states that, else by when it was watched;
+`dated` states which. Version 1 kept one run for all recordings of a name, dated by when it was watched; its rows are kept and marked as
+such. Version 2 kept neither cell nor serial number; watching a recording again adds them.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from sim.errors import ConfigError
 
 DATABASE = Path("runs") / "watch.sqlite"
 VERSION = 3
-RECORDED, WATCHED = "recorded", "watched"  # what the date of a run is the date of
+RECORDED, WATCHED = "recorded", "watched"  # what the date of a run refers to
 _TABLES = """
 create table run (id integer primary key, started text not null, arm text not null, arm_sha256 text not null, source text not null,
                   mass real, mass_std real, nis real, recording text not null default '', dated text not null default 'watched',
@@ -58,10 +58,10 @@ class JointRecord:
 
 @dataclass(frozen=True)
 class RunRecord:
-    """One run of an arm: when, from where, payload kg at its end, consistency of the filter, and every joint that moved.
+    """One run of an arm: when it started, its source, payload kg at its end, consistency of the filter, and every joint that moved.
 
-    recording: the digest of the recording, of a live arm its cell and when the watch began, "" in version 1. dated: `started` is when it was "recorded", or only "watched".
-    cell, serial: "" where nothing states them.
+    recording: digest of the recording; for a live arm its cell and when the watch began; "" in version 1. dated: whether `started` is when
+    it was "recorded" or only "watched". cell, serial: "" where nothing states them.
     """
 
     started: datetime
@@ -79,14 +79,14 @@ class RunRecord:
 
     @property
     def which(self) -> WatchedArm:
-        """Which arm it is of."""
+        """The arm of the run."""
         return WatchedArm(self.arm, self.cell, self.serial)
 
     @classmethod
     def of(
         cls, arm: Arm, source: str, started: datetime, picture: Picture, recording: str, dated: str, cell: str, serial: str
     ) -> RunRecord:
-        """The record of a watch; joints that did not move have nothing to say."""
+        """The record of a watch, without the joints that did not move."""
         joints = []
         for j, joint in enumerate(arm.joint_names):
             f = picture.friction[j]
@@ -105,17 +105,17 @@ class RunRecord:
 
 
 class TrendTable:
-    """The table in an SQLite file, made where there is none; a context manager.
+    """The table in an SQLite file, created where there is none; a context manager.
 
-    A file of version 1 or 2 becomes one of version 3, with every row. ConfigError for a file of a newer version, which is left as it is, and
-    for one that is no such table or cannot be written.
+    A file of version 1 or 2 is converted to version 3 and keeps every row. ConfigError for a file of a newer version, which is left
+    unchanged, and for one that is not such a table or cannot be written.
     """
 
     def __init__(self, path: Path) -> None:
         self.path = path
         path.parent.mkdir(parents=True, exist_ok=True)
         try:
-            # statements take effect together or not at all: autocommit, and transactions that are begun below
+            # autocommit, with the transactions begun below: their statements take effect together or not at all
             self._db = sqlite3.connect(path, isolation_level=None)
             version = self._version()
             if version < VERSION:
@@ -144,7 +144,7 @@ class TrendTable:
         return int(self._db.execute("pragma user_version").fetchone()[0])
 
     def _made(self, version: int) -> int:
-        """The tables made or brought to this version, in one transaction; the version that another program made of them meanwhile."""
+        """Create or convert the tables in one transaction; return their version, which another program may have changed meanwhile."""
         try:
             self._db.execute("begin immediate")
             version = self._version()
@@ -160,7 +160,7 @@ class TrendTable:
         return version
 
     def add(self, run: RunRecord) -> None:
-        """One more run; a recording that is watched again replaces its earlier record, so that a replay never counts twice."""
+        """Add a run; a recording that is watched again replaces its earlier record, so that a replay never counts twice."""
         try:
             self._db.execute("begin immediate")
             for key in self._same(run):
@@ -178,7 +178,7 @@ class TrendTable:
             self._db.execute("commit")
         except sqlite3.Error as error:
             raise ConfigError(
-                f"{self.path}: the run could not be added ({error}), what stood there stays; name another file with --database"
+                f"{self.path}: the run could not be added ({error}), the table is unchanged; name another file with --database"
             ) from error
         finally:
             if self._db.in_transaction:
@@ -211,7 +211,7 @@ class TrendTable:
         return tuple(JointRecord(*row) for row in rows)
 
     def _same(self, run: RunRecord) -> list[int]:
-        """The rows of the same recording. Version 1 kept no digest: there a row is the same where its file's name and every number are."""
+        """Ids of the rows of the same recording. Version 1 kept no digest: its rows must agree in file name and in every number."""
         if not run.recording:
             return []
         rows = self._db.execute("select id from run where arm = ? and recording = ?", (run.arm, run.recording)).fetchall()

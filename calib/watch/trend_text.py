@@ -29,7 +29,7 @@ def sentence(arm: str, runs: list[RunRecord], slopes: list[Slope]) -> str:
         return f"{arm}, {count}: too few days for a trend, which needs {RUNS_LEAST} in {DAYS_LEAST:g} days or more"
     if all(s.interval is None for s in slopes):
         return f"{arm}, {count}: too few {'' if dated(runs) == runs else 'with a date '}for a trend"
-    return f"{arm}, {count}: no joint's friction changes for sure"
+    return f"{arm}, {count}: no certain change in any joint's friction"
 
 
 def doubtful_dates(runs: list[RunRecord]) -> str:
@@ -44,7 +44,7 @@ def doubtful_dates(runs: list[RunRecord]) -> str:
 
 
 def terminal_plot(runs: list[RunRecord], slopes: list[Slope]) -> str:
-    """Friction over days with 95 % intervals and its smoothed course, of the joints that change most, as text; run by run without dates."""
+    """Text plot of friction over days with 95 % intervals and smoothed course, for the joints that change most; by run without dates."""
     shown = sorted(slopes, key=lambda s: (-int(s.wears), -abs(s.per_100_days or 0.0)))[:PLOTS_MOST]
     return "\n".join(_plot(runs, s) for s in shown)
 

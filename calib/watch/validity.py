@@ -1,6 +1,6 @@
-"""Does the model still say what this arm does? The torque that nothing explains, against the torque and against what it was.
+"""Whether the model still fits the arm: the unexplained torque, against the torque itself and against its level at the start.
 
-Readings that the model never fits are no statement about the arm: they are of another arm, or the model never was this arm's.
+Readings that the model never fits show nothing about the arm: they are of another arm, or the model was never this arm's.
 """
 
 from __future__ import annotations
@@ -15,15 +15,15 @@ from sim.arm import Arm
 FIRST = 4.0  # s of motion after which the first verdict is given
 UNFIT = 0.35  # share of the variation of a loaded joint's torque that may stay unexplained at first
 STRAYS = 0.6  # share of dry friction that may stay unexplained at first: friction is what varies from arm to arm
-HELD = 0.8  # the same, of a joint whose torque hardly varies: what it holds is as much as its friction could be
-REFERENCE = 20.0  # s of motion that say how much is left of a healthy arm
-RECENT = 8.0  # s of motion over which it is compared
-TIMES_WORSE = 3.0  # as much as was left then
+HELD = 0.8  # the same for a joint whose torque hardly varies: what it holds may be as large as its friction
+REFERENCE = 20.0  # s of motion that give the residual of a healthy arm
+RECENT = 8.0  # s of motion over which the residual is compared with it
+TIMES_WORSE = 3.0  # of the reference residual
 HOLDS = 4.0
 
 
 class ValidityWatch:
-    """Rows in; `fits` is None until the first verdict, and no claim is made where it is not True."""
+    """Rows in, events out; `fits` is None until the first verdict, and no claim is made where it is not True."""
 
     def __init__(self, arm: Arm, filter_: TorqueFilter) -> None:
         self._arm, self._filter = arm, filter_
@@ -38,7 +38,7 @@ class ValidityWatch:
 
     @property
     def residual(self) -> np.ndarray:
-        """(n,) N m RMS of what was left over all rows, NaN for a joint that never moved."""
+        """(n,) N m RMS residual over all rows, NaN for a joint that never moved."""
         return np.sqrt(self._sums[2] / np.where(self._seconds > 0, self._seconds, np.nan))
 
     @property
@@ -47,7 +47,7 @@ class ValidityWatch:
         return self._seconds
 
     def add(self, row: Row, settled: bool) -> list[WatchEvent]:
-        """A row of an arm that nothing touches; `settled` once the payload is known."""
+        """Take a row of an arm without contact; `settled` once the payload is known."""
         used = self._filter.usable(row)
         left = self._filter.left(row, self._filter.x)
         if not settled:
@@ -68,7 +68,7 @@ class ValidityWatch:
             return []
         mean, square, left = self._sums[:, known] / self._seconds[known]
         variation = np.sqrt(np.maximum(square - mean**2, 0.0))
-        # joints that hardly load themselves prove little: their friction is all there is
+        # joints that carry little load show little: their torque is nearly all friction
         dry = self._filter.dry[known]
         loaded = np.sqrt(left) > np.where(variation > 0.5 * dry, STRAYS, HELD) * dry
         share = np.sqrt(left) / np.maximum(variation, 1e-12)
@@ -88,7 +88,7 @@ class ValidityWatch:
             else f"{most:.2g} N m stay unexplained at {self._arm.joint_names[j]}, {against}"
         )  # fmt: skip
         text = (
-            f"these readings do not fit {self._arm.name}: {detail}; another arm, another mounting, or a model that never was this "
+            f"these readings do not fit {self._arm.name}: {detail}; another arm, another mounting, or a model that was never this "
             "arm's: no claim about the arm is made. Name the right arm, or calibrate it first"
         )
         return [WatchEvent(Kind.WRONG_ARM, row.t, (row.t - FIRST, row.t), text)]
@@ -104,7 +104,7 @@ class ValidityWatch:
         now = Quantity(float(np.sqrt(self._recent[j])), float(self._filter.noise[j]) / np.sqrt(RECENT), "N*m")
         joint = self._arm.joint_names[j]
         text = (
-            f"the model of {joint} leaves {now.value:.3g} N m, {now.value / self._reference[j]:.1f} times as much as at the start: it is "
-            "not this arm's any more; record a log and run calib diagnose"
+            f"the residual of {joint} is {now.value:.3g} N m, {now.value / self._reference[j]:.1f} times as large as at the start: the "
+            "model no longer fits this arm; record a log and run calib diagnose"
         )
         return [WatchEvent(Kind.MODEL_INVALID, row.t, (row.t - HOLDS, row.t), text, {"residual": now}, joint)]

@@ -1,4 +1,4 @@
-"""What a watcher believes, on one screen: payload, friction of every joint against what it was, consistency, and the last events."""
+"""The screen of a watch: payload, friction and residual of every joint, consistency, and the last events."""
 
 from __future__ import annotations
 
@@ -31,14 +31,14 @@ HEADERS = (
     "residual N m",
     "motion s",
     "°C",
-)  # the first ones stay where there is little room
+)  # where there is little room, only the first ones are shown
 REDRAW = 0.25
 KEPT = 6
-CONSISTENT = (0.5, 1.6)  # of the normalised innovation squared; tails are heavier than a normal law's, models are not perfect
+CONSISTENT = (0.5, 1.6)  # of the normalised innovation squared: tails are heavier than normal, and models are not perfect
 
 
 class WatchView:
-    """A context manager; `update` as often as one likes. On a terminal a screen, elsewhere nothing but the events, a line each."""
+    """A context manager: on a terminal a screen, elsewhere only the events, a line each. `update` may be called at any rate."""
 
     def __init__(self, title: str) -> None:
         self._title, self._console = title, Terminal(file=sys.stderr)
@@ -57,14 +57,14 @@ class WatchView:
             self._live.stop()
 
     def event(self, event: WatchEvent) -> None:
-        """Something happened."""
+        """Show an event."""
         self._events.append(event)
         if self._live is None:
             with suppress(OSError):  # the watch goes on, and events.jsonl holds it
                 self._console.print(line(event), markup=False, highlight=False, soft_wrap=True)
 
     def update(self, share: float, watcher: Watcher) -> None:
-        """Draw, unless it was drawn a moment ago."""
+        """Draw the screen, at most every `REDRAW` seconds."""
         if self._live is None or time.monotonic() < self._due:
             return
         self._due = time.monotonic() + REDRAW
@@ -100,12 +100,12 @@ class WatchView:
 
 
 def line(event: WatchEvent) -> str:
-    """An event as a person reads it."""
+    """An event as a line of text."""
     return f"{event.t:10.3f} s  {printable(event.message)}"
 
 
 def _columns_within(rows: Sequence[Sequence[str]], width: int) -> int:
-    """How many of the first columns fit side by side: what does not is left out, and no number is cut."""
+    """How many of the first columns fit side by side, at least two: the others are left out, so that no number is cut."""
     ends = np.cumsum([max(cell_len(row[k]) for row in rows) + len(text_table.GAP) for k in range(len(rows[0]))])
     return max(2, int(np.count_nonzero(ends - len(text_table.GAP) <= width)))
 

@@ -1,4 +1,4 @@
-"""A watcher takes readings, one after the other, and reports what changed about the arm. It only ever reads.
+"""A watcher takes readings, one after the other, and reports what changed about the arm. It only reads.
 
 Blocks of about 20 ms make rows of the momentum balance; the filter follows payload and friction; load, wear and validity decide.
 """
@@ -27,11 +27,11 @@ from sim.joint_state import JointState
 BLOCK = 0.02  # s
 AGAIN = 10.0  # s before the same kind of fault is reported again
 NIS_MEMORY = 10.0  # s of motion
-DECLARED_SHARE = 0.05  # of the declared mass that it may be off
+DECLARED_SHARE = 0.05  # of the declared mass, by which it may be off
 
 
 class Watcher:
-    """`add` takes every reading of an arm and returns what it shows; `rate` Hz is the device's; `gravity` (3,) its mounting."""
+    """`add` takes every reading of an arm and returns its events; `rate` Hz is the device's; `gravity` (3,) m/s^2 its mounting."""
 
     def __init__(self, arm: Arm, rate: float, declared: Declared | None = None, gravity: np.ndarray | None = None) -> None:
         self.arm, self.declared, self._gravity = arm, declared, gravity
@@ -47,7 +47,7 @@ class Watcher:
         self._wear = WearWatch(arm, self._filter, drives.coulomb, drives.viscous)
         self._validity = ValidityWatch(arm, self._filter)
         self._standing = Standing(arm)
-        self._push = np.nan  # when the push began that was reported last
+        self._push = np.nan  # start of the push that was reported last
         self._temperature = np.full(arm.n, np.nan)
         self._reported_at: dict[Kind, float] = {}
         self._faults: dict[str, int] = {}
@@ -59,7 +59,7 @@ class Watcher:
         self._complained = np.nan
 
     def _begin(self, rate: float) -> None:
-        """What counts readings, at `rate` Hz of them."""
+        """Set up everything that counts readings, for `rate` Hz."""
         self._intake = Intake(self.arm, rate)
         self._broken = BrokenWatch(self.arm.n, rate)
         self._balance = MomentumBalance(self.arm, self._gravity, max(2, round(BLOCK * rate)))
@@ -72,7 +72,7 @@ class Watcher:
         return self._balance.drives.not_followed
 
     def add(self, state: JointState) -> list[WatchEvent]:
-        """One reading; the events that it brings."""
+        """Take one reading; return its events."""
         self._samples += 1
         events, row = self._rest() + self._rated(state.t_device), self._row
         samples, fault = self._intake.add(state)
@@ -82,22 +82,22 @@ class Watcher:
             events += self._rest() + self._faulty(fault)
         seen = 0.0 if self._row is None or self._row is row else self._row.seconds
         events += self._broken.add(state, seen, ", ".join(f"{k.replace('_', ' ')}: {n}" for k, n in self._faults.items()))
-        # an event is reported when the newest reading is there, not when the block ended that shows it
+        # an event has the time of the newest reading, not that of the end of the block that shows it
         return [replace(e, t=state.t_device) for e in events] if events and np.isfinite(state.t_device) else events
 
     def _rated(self, t: float) -> list[WatchEvent]:
-        """Where readings come at another rate than the stated one, that is reported, and the real one counts from now on."""
+        """Report a rate that differs from the stated one; the actual one counts from then on."""
         period = self._rate.add(t)
         if period is None:
             return []
         stated, repeated = self._intake.period, self._intake.repeated
         self._begin(1.0 / period)
         self._intake.repeated = repeated
-        text = f"readings come every {1e3 * period:.3g} ms, one every {1e3 * stated:.3g} ms is stated: correct the rate; watched at {1 / period:.4g} Hz"
+        text = f"readings come every {1e3 * period:.3g} ms, but the stated period is {1e3 * stated:.3g} ms: correct the rate; watched at {1 / period:.4g} Hz"
         return [WatchEvent(Kind.WRONG_RATE, t, (t, t), text)]
 
     def _joined(self, sample: Sample) -> list[WatchEvent]:
-        """A sample joins its block; of a block that is full the load is decided on at once, the rest in the next cycle."""
+        """Add a sample to its block. When the block is full, the load is decided at once, the rest in the next cycle."""
         self._temperature = sample.temperature
         push = self._standing.add(sample.t, sample.q, sample.tau)
         events = [] if push is None else self._pushed(push, sample.t)
@@ -110,12 +110,12 @@ class Watcher:
         return events + self._load_of(row)
 
     def _rest(self) -> list[WatchEvent]:
-        """What is still due of the last row: so no cycle has all of the work."""
+        """Do what is still due for the last row, so that no cycle has all of the work."""
         row, self._due = self._due, None
         return [] if row is None else self._wear_of(row)
 
     def picture(self) -> Picture:
-        """The estimates now."""
+        """The present estimates."""
         return Picture(
             t=self._row.t if self._row is not None else np.nan, payload=self._load.mass(), claimed=self._load.claimed, com=self._load.com() if self._load.settled else None,
             settled=self._load.settled, deciding=self._load.deciding, fits=self._validity.fits, friction=self._wear.now(self._temperature),
@@ -143,7 +143,7 @@ class Watcher:
         return events + self._compared(row)
 
     def _compared(self, row: Row) -> list[WatchEvent]:
-        """Whether what is declared is what is mounted; reported once for every declared value."""
+        """Compare the declared with the estimated payload; a difference is reported once for every declared value."""
         declared = self.declared
         if declared is None or not self._validity.fits or self._load.deciding or self._complained == declared.mass:
             return []
@@ -152,12 +152,14 @@ class Watcher:
         if not (off > 5 * mass.std and off > max(self._load.least, DECLARED_SHARE * declared.mass)):
             return []
         self._complained = declared.mass
-        text = f"{declared.by} says {declared.mass:.3g} kg at the flange, the torques say {mass}; correct the declared payload"
+        text = (
+            f"{declared.by} states {declared.mass:.3g} kg at the flange, the torques show {mass}; correct the declared payload"
+        )
         size = {"mass": mass, "declared_mass": Quantity(declared.mass, 0.0, "kg")}
         return [WatchEvent(Kind.DECLARED_PAYLOAD_WRONG, row.t, (row.t, row.t), text, size)]
 
     def _pushed(self, push: Push, t: float) -> list[WatchEvent]:
-        """A push against the standing arm, when it is certain, and when it is over."""
+        """Events of a push against the standing arm: when it is certain, and when it is over."""
         j, joint = push.joint, self.arm.joint_names[push.joint]
         size = Quantity(float(push.torque[j]), float(push.doubt[j] / np.sqrt(12.0)), "N*m")
         text = (
@@ -174,7 +176,7 @@ class Watcher:
         return [ended] if self._push == push.start else [began, ended]
 
     def _faulty(self, fault: ReadingFault) -> list[WatchEvent]:
-        """A balance never reaches across a break; the same kind of fault is reported at most every `AGAIN` seconds."""
+        """Count a fault, and report each kind at most every `AGAIN` seconds; no balance spans a break."""
         if fault.breaks:
             self._delay.clear()
             self._balance.forget()
@@ -184,11 +186,11 @@ class Watcher:
             return []
         self._reported_at[fault.kind] = fault.t
         return [
-            WatchEvent(fault.kind, fault.t, (fault.t, fault.t), f"{fault.message}; left out, it says nothing about the arm")
+            WatchEvent(fault.kind, fault.t, (fault.t, fault.t), f"{fault.message}; left out, as it shows nothing about the arm")
         ]
 
     def _aligned(self, sample: Sample) -> Sample:
-        """The torque with the motion that it belongs to, where the arm's torque channel lags."""
+        """The sample's torque with the motion that it belongs to, where the arm's torque channel lags."""
         delay = self._balance.drives.delay
         if delay <= 0:
             return sample
@@ -202,7 +204,7 @@ class Watcher:
         return sample
 
     def _hidden(self) -> float | None:
-        """kg whose weight stays below the dry friction of every joint in the present pose."""
+        """Largest mass, kg, whose weight stays below the dry friction of every joint in the present pose; None while the arm moves."""
         if self._row is None or not self._still:
             return None
         lever = np.abs(self._row.payload[:, 0])
@@ -210,7 +212,7 @@ class Watcher:
 
 
 def rehearse(arm: Arm, rate: float) -> None:
-    """Run everything once on invented readings, so that the first real ones do not wait for a compiler."""
+    """Run everything once on made-up readings, so that the first real ones do not wait for compilation."""
     watcher, nothing = Watcher(arm, rate), np.full(arm.n, np.nan)
     for k in range(8 * max(2, round(BLOCK * rate))):
         t = k / rate
@@ -221,7 +223,7 @@ def rehearse(arm: Arm, rate: float) -> None:
 
 
 def _modelled_payload(arm: Arm) -> np.ndarray:
-    """[m, m c] that the arm's own effects already state."""
+    """[m, m c] of the payload among the arm's own effects."""
     payload = arm.effect("payload")
     if payload is None:
         return np.zeros(4)

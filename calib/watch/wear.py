@@ -1,13 +1,13 @@
 """Friction that leaves its band: warm-up is normal, growing friction on a warm joint is not.
 
-A joint's friction is compared with what the calibration states, or, where the arm was never calibrated, with what it was in the first
-`LEARN` seconds of the joint's motion. Warm grease is thinner: friction may fall by `PER_KELVIN` for every kelvin that the joint has
-warmed, and rise as it cools (A. C. Bittencourt and S. Gunnarsson 2012, doi:10.1115/1.4006589, report a fall of the order of a third
-between cold and warm).
+A joint's friction is compared with its calibrated values or, where the arm was never calibrated, with those of the first `LEARN` seconds
+of the joint's motion. Warm grease is thinner: friction may fall by `PER_KELVIN` for every kelvin that the joint has warmed, and rise as
+it cools (A. C. Bittencourt and S. Gunnarsson 2012, doi:10.1115/1.4006589, report a fall of the order of a third between cold and warm).
 
-The laws of real gears are not straight lines: motions of other speeds than those of the calibration find less dry and more viscous friction, or
-the reverse, of the same joint in the same state. Such a change of form leaves the friction at the joint's usual speed as it was, wear
-does not: a number that has left its band counts only where both together have gone the same way at that speed.
+Friction of real gears is not a straight line over speed: motions at speeds other than those of the calibration yield less dry and more
+viscous friction, or the reverse, for the same joint in the same state. That leaves the total friction at the joint's usual speed
+unchanged; wear does not. A value that has left its band therefore counts only where the total at that speed has changed in the same
+direction.
 """
 
 from __future__ import annotations
@@ -21,13 +21,15 @@ from calib.watch.filter import TorqueFilter
 from calib.watch.momentum import Row
 from sim.arm import Arm
 
-BAND = 0.25  # relative change of friction that nobody need look at
+BAND = 0.25  # relative change of friction that needs no attention
 PER_KELVIN = 0.015
 WARMUP = 25.0  # K that a joint may have warmed where it reports no temperature
-MATTERS = 0.1  # relative change of all friction at the joint's usual speed: with less of it, the same way, it is not wear
+MATTERS = (
+    0.1  # least relative change, in the same direction, of the total friction at the joint's usual speed that counts as wear
+)
 SURE = 3.0  # standard deviations
 LEARN = 60.0  # s of motion of a joint
-HOLDS = 5.0  # s of motion for which a drift must be sure
+HOLDS = 5.0  # s of motion for which a drift must persist
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +42,7 @@ class JointFriction:
 
 
 class WearWatch:
-    """Rows in, drifts out, one for each joint and each time its friction leaves the band."""
+    """Rows in, drift events out: one for each time that a joint's friction leaves its band."""
 
     def __init__(self, arm: Arm, filter_: TorqueFilter, coulomb: np.ndarray, viscous: np.ndarray) -> None:
         n = arm.n
@@ -68,7 +70,7 @@ class WearWatch:
         ]
 
     def add(self, row: Row, temperature: np.ndarray) -> list[WatchEvent]:
-        """The drifts that this row makes sure; temperature (n,) degC, NaN where it is not reported."""
+        """Drift events that this row confirms; temperature (n,) degC, NaN where it is not reported."""
         used = self._filter.usable(row)
         self._moved += used * row.seconds
         self._square += used * row.seconds * row.speed**2
@@ -92,7 +94,7 @@ class WearWatch:
         return np.stack([self._stated[0] + x[self._filter.coulomb], self._stated[1] + x[self._filter.viscous]])
 
     def _relative(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Relative change (2, n) of dry and viscous friction, its standard deviation, and that (n,) of both together at the usual speed."""
+        """Relative change (2, n) of dry and viscous friction, its standard deviation, and the change (n,) of the total at the usual speed."""
         speed = np.sqrt(self._square / np.maximum(self._moved, 1e-9))
         unit = np.stack([np.ones(self._arm.n), speed])
         torque = self._reference * unit
@@ -105,7 +107,7 @@ class WearWatch:
         return change / base, spread / base, together / np.maximum(whole, 1e-12)
 
     def _beyond(self, temperature: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(n,) whether a friction has left its band for sure, and which (n,): 0 dry, 1 viscous."""
+        """(n,) whether a friction value has certainly left its band, and (n,) which: 0 dry, 1 viscous."""
         relative, spread, together = self._relative()
         warmed = temperature - self._temperature
         falls = BAND + PER_KELVIN * np.where(np.isfinite(warmed), np.maximum(warmed, 0.0), WARMUP)
@@ -125,7 +127,7 @@ class WearWatch:
         joint = self._arm.joint_names[j]
         text = (
             f"{word} friction of {joint} is {now}, {change.value:+.0%} ± {2 * change.std:.0%} from {self._reference[which, j]:.3g} {unit.replace('*', ' ')}: "
-            f"more than warming explains; look at grease, belt and bearing, and at calib watch --trend"
+            f"more than warming explains; check grease, belt and bearing, and see calib watch --trend"
         )
         return WatchEvent(
             Kind.FRICTION_DRIFT, t, (t - self._sure[j], t), text, {"friction": now, "relative_change": change}, joint
@@ -133,6 +135,6 @@ class WearWatch:
 
 
 def _calibrated(arm: Arm) -> np.ndarray:
-    """(n,) whether a joint's friction was estimated from recordings of this arm, and not taken from a data sheet."""
+    """(n,) whether a joint's friction was estimated from recordings of this arm rather than taken from a data sheet."""
     friction = ("coulomb_friction", "viscous_friction")
     return np.array([all((e := arm.effect(name, j)) is not None and e.std for name in friction) for j in arm.joint_names])

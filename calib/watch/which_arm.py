@@ -1,4 +1,4 @@
-"""Which arm a run is of: as for a fleet, arms that differ in model, cell or serial number are different arms."""
+"""The arm that a run belongs to: as in a fleet, arms that differ in model, cell or serial number are different arms."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ class WatchedArm(NamedTuple):
 
 
 def chosen(arms: Sequence[WatchedArm], word: str | None, table: Path, configs: Path | None = None) -> WatchedArm:
-    """The arm that `word` names among those of a table: by its whole name, by its model's, or by an arm folder of that model.
+    """The arm of a table that `word` names: by its full name, by its model, or by an arm folder of that model.
 
-    ConfigError where none or several are meant; without a word the table must hold one.
+    ConfigError where none or several match; without a word the table must hold exactly one.
     """
     names = ", ".join(arm.name for arm in arms) or "no arm"
     meant = [arm for arm in arms if word in (None, arm.name, arm.model)]

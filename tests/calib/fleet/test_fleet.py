@@ -206,5 +206,5 @@ def test_a_worker_that_dies_takes_only_what_kills_it(tmp_path: Path, deaths: int
 
 def test_a_scheduler_that_is_not_there_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("calib.fleet.engine.CONNECT_SECONDS", 0.5)
-    with pytest.raises(ConfigError, match="nobody answers"), cluster("tcp://127.0.0.1:9"):
+    with pytest.raises(ConfigError, match="does not answer"), cluster("tcp://127.0.0.1:9"):
         pass

@@ -55,7 +55,7 @@ def test_a_diagnosis_that_could_not_be_made_is_a_failure() -> None:
     assert nothing_wrong(Fleet([GOOD, BLIND | {"diagnosis_trouble": ""}], [], ()))
     assert not nothing_wrong(Fleet([GOOD, BLIND | {"diagnosis_trouble": "a.mcap: too short"}], [], ()))
     assert not nothing_wrong(Fleet([GOOD | {"effects": ["payload"]}], [], ()))
-    assert not nothing_wrong(Fleet([GOOD], [("a.mcap", "does not say of which arm it is")], ()))
+    assert not nothing_wrong(Fleet([GOOD], [("a.mcap", "does not state its arm")], ()))
 
 
 def test_how_large_a_deviation_is_has_its_uncertainty() -> None:

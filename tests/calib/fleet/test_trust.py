@@ -45,12 +45,12 @@ def test_arms_with_different_words_are_never_one() -> None:
 
 
 @pytest.mark.parametrize(("key", "value", "message"), [
-    ("wall_clock_start_ns", "9" * 40, "is no time"),
-    ("wall_clock_start_ns", "²", "is no time"),
-    ("wall_clock_start_ns", "-5", "is no time"),
-    ("arm", "../configs/arms/ur5e", "never by a path"),
-    ("arm", "/etc", "never by a path"),
-    ("arm", "..", "never by a path"),
+    ("wall_clock_start_ns", "9" * 40, "is not a time"),
+    ("wall_clock_start_ns", "²", "is not a time"),
+    ("wall_clock_start_ns", "-5", "is not a time"),
+    ("arm", "../configs/arms/ur5e", "never a path"),
+    ("arm", "/etc", "never a path"),
+    ("arm", "..", "never a path"),
     ("cell", "\x1b[2J", "cannot be printed"),
     ("serial", "9" * 5000, "longer than 500 characters"),
 ])  # fmt: skip
@@ -162,8 +162,8 @@ def test_an_open_scheduler_is_reported(
     arguments = ["fleet", str(tmp_path / "plant"), "--scheduler", "tcp://127.0.0.1:9", "--out", str(tmp_path / "out")]
     assert program.main(arguments) == 2
     printed = capsys.readouterr().err
-    assert "without TLS whoever reaches this scheduler can run programs" in printed
-    assert "nobody answers" in printed
+    assert "without TLS, anyone who can reach this scheduler can run programs" in printed
+    assert "does not answer" in printed
 
 
 def test_the_parts_of_an_extra_are_requested_by_name(tmp_path: Path) -> None:

@@ -34,7 +34,7 @@ def test_a_motion_copied_in_one_file_is_refused_with_its_spans(times: int) -> No
     with pytest.raises(BadLog, match="one recording was copied several times into one file: give it once") as error:
         require(of, pieces)
     end, begin = log.t[-1], log.t[-1] + log.period
-    assert f"the samples from {log.t[0]:.1f} to {end:.1f} s stand in it again from {begin:.1f} to " in str(error.value)
+    assert f"the samples from {log.t[0]:.1f} to {end:.1f} s appear again from {begin:.1f} to " in str(error.value)
     assert "as-recorded" not in str(error.value)
 
 
@@ -43,7 +43,7 @@ def test_pieces_of_one_file_that_are_copies_are_named_by_their_spans() -> None:
     two = again(log, 2)
     found = twice([two.part(slice(0, len(log))), two.part(slice(len(log), None))])
     assert not found.ok
-    assert found.detail.startswith(f"rep.mcap: the samples from 0.0 to {log.t[-1]:.1f} s stand in it again from ")
+    assert found.detail.startswith(f"rep.mcap: the samples from 0.0 to {log.t[-1]:.1f} s appear again from ")
 
 
 def test_a_motion_that_an_arm_repeats_is_no_copy() -> None:

@@ -131,7 +131,7 @@ def test_motion_of_which_nothing_can_be_used_is_a_concern_and_not_rest(servo6: A
     watcher = Watcher(servo6, 200.0)
     events = watched(watcher, late)
     assert [e.kind for e in events if e.kind is not Kind.GAP] == [Kind.UNWATCHABLE]
-    assert "hardly a reading could be used (gap: " in next(e.message for e in events if e.kind is Kind.UNWATCHABLE)
+    assert "hardly any reading could be used (gap: " in next(e.message for e in events if e.kind is Kind.UNWATCHABLE)
     assert Kind.UNWATCHABLE in CONCERNS
     assert watcher.picture().sentence == "no claim: the readings are too broken to watch"
 
@@ -150,7 +150,7 @@ def test_a_rate_that_is_stated_wrongly_is_named_and_no_wrong_arm(servo6: Arm, ca
     watched(right, calm)
     events = watched(watcher, calm)
     (named,) = [e for e in events if e.kind is Kind.WRONG_RATE]
-    assert named.message.startswith(f"readings come every 5 ms, one every {1e3 / stated:.3g} ms is stated")
+    assert named.message.startswith(f"readings come every 5 ms, but the stated period is {1e3 / stated:.3g} ms")
     assert {e.kind for e in events} <= {Kind.WRONG_RATE, Kind.GAP}
     picture, expected = watcher.picture(), right.picture()
     assert picture.fits

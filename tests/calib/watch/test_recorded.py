@@ -42,13 +42,13 @@ def test_a_recording_is_dated_by_what_it_states(about: dict[str, Any], expected:
 
 
 def test_a_wall_clock_that_is_no_number_is_refused() -> None:
-    with pytest.raises(BadLog, match="wall_clock_start_ns = 'yesterday' is no time"):
+    with pytest.raises(BadLog, match="wall_clock_start_ns = 'yesterday' is not a time"):
         instant_of(log(metadata={"wall_clock_start_ns": "yesterday"}))
 
 
 @pytest.mark.parametrize("stated", ["yesterday", "2026-01-01", "2026-13-01T00:00:00+00:00", "9999-12-31T23:59:59-23:00"])
 def test_a_watch_whose_source_is_dated_by_no_date_is_refused(stated: str) -> None:
-    with pytest.raises(BadLog, match=f"recorded = '{re.escape(stated)}' is no date from 2000 to 2099 with a time zone"):
+    with pytest.raises(BadLog, match=f"recorded = '{re.escape(stated)}' is not a date from 2000 to 2099 with a time zone"):
         instant_of(log(metadata={"recorded": stated}))
 
 

@@ -159,7 +159,7 @@ def test_a_recording_without_a_date_is_dated_by_its_watching_and_says_so(
     table = ["--database", str(tmp_path / "t")]
     log = recorded(tmp_path / "log.mcap", servo6, shift[0][:6000], wall_clock=datetime.fromtimestamp(1, UTC))
     assert main(["watch", str(log), "--out", str(tmp_path / "o"), *table]) == 0
-    assert "dated by now: the recording does not state when it was made" in capsys.readouterr().out
+    assert "dated as of now: the recording does not state when it was made" in capsys.readouterr().out
     assert main(["watch", "--trend", "--out", str(tmp_path / "trend"), *table]) == 0
     assert "1 of 1 runs are dated by when they were watched" in capsys.readouterr().err
     assert "when it was watched" in (tmp_path / "trend" / "trend.html").read_text()
@@ -170,7 +170,7 @@ def test_a_log_of_another_arm_is_refused(
 ) -> None:
     log = recorded(tmp_path / "log.mcap", servo6, calm[:200])
     assert main(["watch", str(log), "--arm", "ur3e", "--out", str(tmp_path / "o")]) == 2
-    assert "was recorded of servo6" in capsys.readouterr().err
+    assert "is a recording of servo6" in capsys.readouterr().err
 
 
 def test_the_payload_that_the_log_declares_is_compared(tmp_path: Path, servo6: Arm, calm: list[JointState]) -> None:
@@ -185,7 +185,7 @@ def test_a_declared_payload_that_is_no_number_is_refused(
 ) -> None:
     log = recorded(tmp_path / "log.mcap", servo6, calm[:200], device_payload_mass="nan", device_payload_com=[0.0, 0.0, 0.0])
     assert main(["watch", str(log), "--out", str(tmp_path / "o")]) == 2
-    assert "what it says about its payload is not understood" in capsys.readouterr().err
+    assert "its metadata about the payload cannot be read" in capsys.readouterr().err
 
 
 def test_a_database_that_is_none_is_refused_before_anything_is_watched(
@@ -207,7 +207,7 @@ def test_a_mock_cell_that_nobody_moves_claims_nothing(tmp_path: Path, capsys: py
     assert main(["watch", "mock-ur10e", "--seconds", "1", "--out", str(tmp_path / "o"), "--database", str(tmp_path / "t")]) == 0
     shown = capsys.readouterr().out
     assert "No claim without motion" in shown
-    assert "whether the readings fit the arm was not judged" in " ".join(shown.split())
+    assert "whether the readings fit the arm was not assessed" in " ".join(shown.split())
     assert "±" not in shown.partition("\n")[2]
     assert (tmp_path / "o" / "events.jsonl").read_text() == ""
     result = json.loads((tmp_path / "o" / "watch.json").read_text())

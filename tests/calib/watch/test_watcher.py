@@ -95,7 +95,7 @@ def test_what_is_declared_is_compared(servo6: Arm, loaded: Arm, calm: list[Joint
     events = watched(Watcher(servo6, 200.0, Declared(0.4, (0.0, 0.0, 0.05), "the cell file")), calm)
     assert Kind.DECLARED_PAYLOAD_WRONG in kinds(events)
     wrong = next(e for e in events if e.kind is Kind.DECLARED_PAYLOAD_WRONG)
-    assert "the cell file says 0.4 kg" in wrong.message
+    assert "the cell file states 0.4 kg" in wrong.message
     carried = states(servo6, work(servo6, 20.0, seed=1), 1, truth=loaded)
     com = (LOAD["com_x"], LOAD["com_y"], LOAD["com_z"])
     assert watched(Watcher(servo6, 200.0, Declared(LOAD["mass"], com, "the controller")), carried) == []
