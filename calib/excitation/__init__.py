@@ -1,1 +1,1 @@
-"""Motions that show what an arm is: Fourier excitation, sweeps and probes, and the session plan made of them."""
+"""Identification motions: Fourier excitation, friction sweeps and probes, and the session plan that combines them."""

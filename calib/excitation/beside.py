@@ -1,7 +1,8 @@
-"""What a plan keeps free beside its path: the way of a stop, and a following error on every joint, as `safety.clear` will ask for.
+"""Space that a plan keeps free beside its path, for stops and a following error on every joint, as `safety.clear` will require.
 
-A stop from speed dq is at q + dq (r + u - u^2 / 2T) after r s of reaction and u <= T s of braking; T = |dq| / p with p rad/s^2, of the
-fastest joint where all slow down in proportion. A joint that is e rad beside its path moves what hangs on it by its reach times e at most.
+A stop from speed dq is at q + dq (r + u - u^2 / 2T) after r s of reaction and u <= T s of braking. T = |dq| / p at a
+deceleration of p rad/s^2; if all joints slow down in proportion, T is that of the fastest joint. A joint that is e rad off its
+path moves the links beyond it by at most its reach times e.
 """
 
 from __future__ import annotations
@@ -12,13 +13,16 @@ from calib.excitation.distances import pair_distances
 from calib.excitation.room import Room
 from drivers.driver import DeviceStop
 
-# m: clearance is sampled here, and proved by boxes there
+# m: clearance is sampled here, but verified over boxes by safety.clear
 SLACK = 0.011
 STEP = 1e-4
 
 
 class Beside:
-    """The pairs of shapes whose capsules overlap in every posture: they are not among the room's, `exact` measures their own distance."""
+    """Pairs of shapes that `Nearness.pairs` leaves out, since their capsules are too near in many postures.
+
+    `exact` measures the distance of the shapes themselves.
+    """
 
     def __init__(self, room: Room) -> None:
         self._clearance = clearance = room.clearance
@@ -37,7 +41,7 @@ class Beside:
         self._radius = room.capsules.radius
 
     def exact(self, q: np.ndarray, ends: np.ndarray) -> tuple[float, np.ndarray]:
-        """Sum of squares (m^2) of what the pairs of shapes lack that the room's capsules do not hold, and its slopes (K, n) by q."""
+        """Sum of squared shortfalls (m^2) in the distances of these pairs, and its gradient (K, n) with respect to q."""
         slope, value = np.zeros_like(q), 0.0
         if not self._capsules:
             return value, slope
@@ -56,13 +60,16 @@ class Beside:
         return value, slope
 
     def near(self, ends: np.ndarray, beyond: float = 0.0) -> np.ndarray:
-        """(K, pairs of capsules): which of them may bring their shapes nearer than what is kept free and `beyond` m more."""
+        """(K, pairs of capsules) bool: whether the shapes may be nearer than their required distance plus `beyond` m."""
         a, b = np.array(self._capsules, dtype=int).reshape(-1, 2).T
         return pair_distances(ends, a, b) - self._radius[a] - self._radius[b] < self._least[self._belongs] + beyond
 
 
 def stopping(q: np.ndarray, dq: np.ndarray, stop: DeviceStop, t: np.ndarray | float) -> tuple[np.ndarray, np.ndarray]:
-    """(K, n) rad where the arm is t s, (K,) or one for all, after a stop began from each state, and the slopes (K, n, n) by the speeds."""
+    """Position (K, n) rad t s after a stop begins from each state, and its Jacobian (K, n, n) with respect to the speeds.
+
+    t: (K,) or one value for all.
+    """
     n, t = dq.shape[1], np.broadcast_to(t, len(q))[:, None]
     own = np.abs(dq) / stop.deceleration
     by_speed = np.sign(dq)[:, :, None] * np.eye(n) / stop.deceleration
@@ -78,7 +85,10 @@ def stopping(q: np.ndarray, dq: np.ndarray, stop: DeviceStop, t: np.ndarray | fl
 
 
 def slowed(dq: np.ndarray, stop: DeviceStop, t: np.ndarray | float) -> tuple[np.ndarray, np.ndarray]:
-    """(K, n) rad/s left t s, (K,) or one for all, after a stop began from each speed, and the slopes (K, n, n) by the speeds."""
+    """Speed (K, n) rad/s that is left t s after a stop begins, and its Jacobian (K, n, n) with respect to the initial speeds.
+
+    t: (K,) or one value for all.
+    """
     lost = stop.deceleration * np.maximum(np.broadcast_to(t, len(dq))[:, None] - stop.reaction, 0.0)
     eye = np.eye(dq.shape[1])
     if not stop.proportional:

@@ -1,4 +1,4 @@
-"""Shapes as capsules, and how far capsules are from one another and from boxes, with the slopes that a descent needs."""
+"""Capsules that stand for shapes, and their distances from boxes with the gradients that a descent needs."""
 
 from __future__ import annotations
 
@@ -12,27 +12,28 @@ from safety.reach import spine
 from sim.enclosing import enclosing_capsules
 from sim.tree import Shape
 
-POINTS = 5  # along a capsule, for its distance from a box
+POINTS = 5  # per capsule, where its distance from a box is evaluated
 
 
 def beyond_capsules(shape: Shape) -> float:
-    """m by which the shape reaches beyond `capsules` of it at the most; 0 where these hold all of it.
+    """Largest distance m by which the shape extends beyond its `capsules`; 0 if they contain it.
 
-    Of a cylinder its rim, or the middle of a flat one's ends, farthest from the segments.
+    Only a cylinder does: at its rim, or for a flat one possibly at the centre of its ends.
     """
     if shape.kind != "cylinder":
         return 0.0
     radius, half = shape.size[0], shape.size[1]
     if half >= radius:
         return float(np.hypot(radius, radius / 2) - radius)
-    within = np.cos(np.pi / 6) * (radius - half)  # m from the axis to the middle of a side of the ring
+    within = np.cos(np.pi / 6) * (radius - half)  # m from the axis to the midpoint of a side of the ring
     return float(np.hypot(max(within, radius - within), half) - half)
 
 
 def capsules(shape: Shape) -> list[tuple[np.ndarray, float]]:
-    """Ends (2, 3) m and radius m of capsules that stand for the shape, in its link's frame.
+    """Ends (2, 3) m and radius m of the capsules that stand for the shape, in its link's frame.
 
-    A cylinder, whose flat ends no capsule has, becomes one of its own length where it is long, else a ring of six.
+    No capsule has the flat ends of a cylinder. A long cylinder becomes one capsule that extends half a radius beyond each end,
+    a flat one a ring of six.
     """
     if shape.kind == "cylinder":
         radius, half = shape.size[0], shape.size[1]
@@ -53,7 +54,7 @@ def capsules(shape: Shape) -> list[tuple[np.ndarray, float]]:
 
 @lru_cache(maxsize=1000)
 def _enclosing(points: bytes, faces: bytes) -> list[tuple[np.ndarray, float]]:
-    """The capsules of a mesh, found once: a plan asks for them of every start."""
+    """Capsules of a mesh, cached because a plan needs them again for every start."""
     corners, triangles = np.frombuffer(points).reshape(-1, 3), np.frombuffer(faces, dtype=np.int64).reshape(-1, 3)
     return [(c.ends, c.radius) for c in enclosing_capsules(corners, triangles)]
 
@@ -73,9 +74,10 @@ def rpy_matrix(rpy: Sequence[float]) -> np.ndarray:
 def from_box(
     ends: np.ndarray, turn_of_box: np.ndarray, position: np.ndarray, half: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Signed distance (N, k) m of segments, ends (N, k, 2, 3), from a box; share (N, k) along each of its nearest point, and slope (N, k, 3) by it.
+    """Signed distance (N, k) m of segments from a box, share (N, k) along each of its nearest point, and gradient (N, k, 3).
 
-    By POINTS points along every segment, less half their spacing, so that it is never too large outside.
+    ends (N, k, 2, 3) m; the gradient is with respect to the nearest point. The distance is evaluated at POINTS points per
+    segment, less half their spacing, so that it is never too large outside the box.
     """
     along = np.linspace(0.0, 1.0, POINTS)
     points = ends[:, :, None, 0] * (1 - along)[:, None] + ends[:, :, None, 1] * along[:, None]

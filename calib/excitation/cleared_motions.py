@@ -1,4 +1,4 @@
-"""Motions of a session as safety.clear accepts them, made smaller until it does."""
+"""Motions of a session, scaled down until safety.clear accepts them."""
 
 from __future__ import annotations
 
@@ -16,7 +16,10 @@ SHARES = (1.0, 0.99, 0.97, 0.93, 0.88, 0.82, 0.7, 0.55, 0.4)
 
 
 def cleared_fourier(motion: Fourier, room: Room, rate: float, periods: int = 1) -> tuple[Trajectory, Fourier]:
-    """Samples that safety.clear accepts; the amplitude shrinks where it refuses, and the refusal is passed on where that does not help."""
+    """Return samples of `periods` periods and the scaled motion, of which safety.clear accepts one period.
+
+    The amplitude shrinks through SHARES while it refuses; SafetyStop if it refuses the last of them.
+    """
     for k, share in enumerate(SHARES):
         smaller = motion.scaled(share)
         try:
@@ -29,7 +32,7 @@ def cleared_fourier(motion: Fourier, room: Room, rate: float, periods: int = 1) 
 
 
 def bring_up(room: Room, basis: Basis, home: np.ndarray, rate: float, rng: np.random.Generator) -> list[Motion]:
-    """For an arm that never moved: half the amplitude that fits, the last joint alone, then one joint more each time."""
+    """Motions for an arm's first movement, at half the amplitude that fits: the last joint alone, then one more each time."""
     motions = []
     for count in range(1, room.arm.n + 1):
         locked = np.arange(room.arm.n) < room.arm.n - count

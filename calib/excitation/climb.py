@@ -1,10 +1,10 @@
-"""Postures with slack on every side, where torque and clearance leave few: drawn ones, moved a little at random, the best kept.
+"""Postures with slack on every side where torque and clearance leave few: random ones, varied slightly at random, best kept.
 
-Torque is what standing still takes (`Room.holding`), or the gentlest stop (`Room.stopping`).
+The torque is that of standing still (`Room.holding`) or of the gentlest stop (`Room.stopping`).
 
-The slack of a posture is the least of (clearance - CLEARANCE_MARGIN) over all pairs of bodies and of (1 - share) over all torque limits, each
-as a share of the most that random postures have of it. In metres a pair that is near in every posture, as two neighbours are, would hide
-all others, and a torque limit has no metres at all.
+The slack of a posture is the least of (clearance - CLEARANCE_MARGIN) over all pairs of bodies and of (1 - share) over all
+torque limits. Each is divided by its largest value over random postures. In metres, a pair that is near in every posture, such
+as two neighbours, would hide all others, and torque limits are not in metres at all.
 """
 
 from __future__ import annotations
@@ -16,17 +16,20 @@ import numpy as np
 from calib.excitation.nearness import CLEARANCE_MARGIN
 from calib.excitation.room import Room
 
-# rounds, postures that are kept and how many are tried about each; the first step as a share of half the range, and of it the next
+# rounds, postures kept, and trials about each; first step as a share of half the range, and its factor per round
 ROUNDS, KEPT, ABOUT = 6, 30, 16
 STEP, FINER = 0.2, 0.8
-# of half the range: nearer to an end a joint has no room to move
+# share of half the range: nearer to an end a joint has no room to move
 FAR = 0.75
-# m and share of a limit: what no random posture has more of is no slack
+# m and share of a limit: least divisor, for a slack that no random posture has
 LEAST = 1e-6
 
 
 class Slack:
-    """The slack of postures of one arm in one room, as shares of the most over the postures of `clearances` (N, pairs) and `taken` (N, n)."""
+    """Slack of postures of one arm in one room, relative to the largest over reference postures.
+
+    clearances (N, pairs) m and taken (N, n), the shares of the torque limits, are those of the reference postures.
+    """
 
     def __init__(self, clearances: np.ndarray, taken: np.ndarray) -> None:
         self._counts = np.all(np.isfinite(clearances), axis=0)
@@ -34,7 +37,7 @@ class Slack:
         self._torque = np.maximum(1 - taken.min(axis=0), LEAST)
 
     def of(self, clearances: np.ndarray, taken: np.ndarray) -> np.ndarray:
-        """(N,), above zero where a posture is clear and its torque suffices."""
+        """(N,) slack, positive where a posture is clear and its torque suffices."""
         apart = ((clearances[:, self._counts] - CLEARANCE_MARGIN) / self._apart).min(axis=1, initial=np.inf)
         return np.asarray(np.minimum(apart, ((1 - taken) / self._torque).min(axis=1)))
 
@@ -43,8 +46,10 @@ def climbed(
     room: Room, slack: Slack, q: np.ndarray, values: np.ndarray, middle: np.ndarray, half: np.ndarray, rng: np.random.Generator,
     torque: Callable[[np.ndarray], np.ndarray] | None = None,
 ) -> np.ndarray | None:  # fmt: skip
-    """(K, n) rad, at most KEPT with slack, most first; None where none has any: from postures q (N, n) of slack `values` (N,), within FAR of
-    `half` (n,) rad about `middle` (n,). torque of postures is `room.holding`, or what the slack was made of.
+    """Return at most KEPT postures (K, n) rad with positive slack, largest first, or None if there are none.
+
+    The climb starts from postures q (N, n) of slack `values` (N,) and stays within FAR of `half` (n,) rad about `middle` (n,).
+    torque: shares of the limits at postures, as used for the slack; `room.holding` by default.
     """
     torque = torque or room.holding
     for k in range(ROUNDS + 1):

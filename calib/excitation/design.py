@@ -16,25 +16,23 @@ from sim.postures import postures
 from sim.trajectory import Trajectory
 
 SAMPLES = 120
-LEAST_REACH, LEAST_SHARE = (
-    0.1,
-    0.02,
-)  # rad, and of a joint's range: less than this stays within what dry friction and gears hide
-# of the amplitude at which each joint meets its own limits: a motion that fits with less is none
+# rad, and share of a joint's range: dry friction and gears hide smaller motions
+LEAST_REACH, LEAST_SHARE = (0.1, 0.02)
+# share of the amplitude at which each joint meets its own limits; a motion that only fits with less is rejected
 LEAST_SCALE = 0.15
-# by which power of the period a motion at that limit grows
+# power of the period with which a motion at that limit grows
 GROWTH = {"dq": 1, "ddq": 2, "jerk": 3}
-# of a torque limit, from which on few postures are left to choose from
+# share of a torque limit above which few other starts are possible
 STRAINED = 0.6
-# share of random postures in which the torque limits must fail to hold the arm for them to leave little choice
+# share of random postures that the torque limits cannot hold, above which few starts are possible
 MOSTLY = 0.5
-# times the period in which a path is looked at that does not fit
+# multiples of the period that are tried for a path that does not fit
 SLOWER = (1.1, 1.25, 1.5, 2.0, 3.0)
 
 
 @dataclass(frozen=True)
 class Worth:
-    """log det of the whitened information (nats), condition number of the base regressor in raw SI units and of scaled columns."""
+    """log det (nats) of the noise-weighted information; condition numbers of base regressor (SI units) and scaled columns."""
 
     log_det: float
     condition: float
@@ -42,7 +40,7 @@ class Worth:
 
 
 class Information:
-    """What a motion determines of the columns of a model, each joint's rows weighted by its torque noise."""
+    """Information of a motion on the columns of a model, with each joint's rows weighted by its torque noise."""
 
     def __init__(self, model: TorqueModel, sigma: np.ndarray) -> None:
         self.model, self.sigma = model, sigma
@@ -74,9 +72,10 @@ def noise_of(model: TorqueModel) -> np.ndarray:
 
 
 def fitted_to_room(room: Room, motion: Fourier, grow: bool = True) -> Fourier | None:
-    """The motion with the largest amplitude that fits: each joint to its own limits, then all together to torque, speed and clearance.
+    """Return the motion at the largest amplitude that fits, or None if LEAST_SCALE of it does not fit either.
 
-    Without `grow` no joint gets more amplitude than it has. None where LEAST_SCALE of the amplitude does not fit either.
+    Each joint is scaled to its own limits first, then all together to torque, speed and clearance. Without `grow` no joint's
+    amplitude increases.
     """
     own = own_scale(room, motion)
     motion = motion.scaled(own if grow else np.minimum(own, 1.0))
@@ -95,7 +94,7 @@ def fitted_to_room(room: Room, motion: Fourier, grow: bool = True) -> Fourier | 
 def random_start(
     room: Room, information: Information, basis: Basis, home: np.ndarray, rng: np.random.Generator, tries: int
 ) -> tuple[Fourier, Worth]:
-    """The most informative of `tries` random motions that fit; AnswerIsNo says which limit binds where none does."""
+    """Return the most informative of `tries` random motions that fit; AnswerIsNo names the binding limit if none fits."""
     best: tuple[Fourier, Worth] | None = None
     for _ in range(tries):
         found = fitted_to_room(room, random_fourier(basis, home, rng))
@@ -110,7 +109,7 @@ def random_start(
 
 
 def binding(room: Room, basis: Basis, home: np.ndarray) -> str:
-    """The sentence that says why no motion fits about `home`, and what would help."""
+    """Sentence: why no motion fits about `home`, and the remedy."""
     still = Trajectory(np.array([0.0, 0.1]), np.stack([home, home]), np.zeros((2, len(home))), np.zeros((2, len(home))))
     use = room.use(still)
     if use.clearance < CLEARANCE_MARGIN:
@@ -127,7 +126,9 @@ def binding(room: Room, basis: Basis, home: np.ndarray) -> str:
     use = room.use(coarse(trial))
     name, share = use.worst
     if share <= 1:
-        return f"no motion of useful size fits: a fifth of it brings {_too_near(room, use)}{_strained(room, use)}"
+        return (
+            f"no motion of useful size fits: a fifth of the full amplitude brings {_too_near(room, use)}{_strained(room, use)}"
+        )
     own = use.shares[name]
     worst = int(np.argmax(own)) if len(own) == room.arm.n else None
     where = "the " if worst is None else f"{room.arm.joint_names[worst]}'s "
@@ -135,28 +136,28 @@ def binding(room: Room, basis: Basis, home: np.ndarray) -> str:
     if name != "q" and (slower := _slow_enough(room, trial, name)):
         remedy = f"a longer --period (about {slower:.3g} s instead of {basis.period:g}) or {remedy}"
     missing = missing_facts(room.arm, worst) if name == "torque" and worst is not None else ""
-    return f"no motion of useful size fits: a fifth of it takes {share:.0%} of {where}{name} limit; {remedy} relaxes it, or a wider limit{missing}"
+    return f"no motion of useful size fits: a fifth of the full amplitude takes {share:.0%} of {where}{name} limit; give {remedy}, or a wider limit{missing}"
 
 
 def _strained(room: Room, use: Use) -> str:
-    """Which torque leaves little choice of a roomier posture, where nobody stated what it is made of."""
+    """Sentence: which torque leaves few roomier postures, if values that determine it are unstated; otherwise empty."""
     j = int(np.argmax(use.shares["torque"]))
     share, missing = float(use.shares["torque"][j]) / MARGIN["torque"], missing_facts(room.arm, j)
     if share >= STRAINED and missing:
-        return f". {room.arm.joint_names[j]} takes {share:.0%} of its torque limit there, so there is little choice of another{missing}"
+        return f". {room.arm.joint_names[j]} takes {share:.0%} of its torque limit there, so few other starts are possible{missing}"
     over = room.holding(postures(room.arm)) > 1
     often, j = float(over.any(axis=1).mean()), int(np.argmax(over.mean(axis=0)))
     missing = missing_facts(room.arm, j)
     if often < MOSTLY or not missing:
         return ""
     return (
-        f". In {often:.0%} of random postures its torque limits do not hold the arm, {room.arm.joint_names[j]}'s the most often, so there is little "
-        f"choice of another{missing}"
+        f". In {often:.0%} of random postures the torque limits do not hold the arm, most often that of {room.arm.joint_names[j]}, so few other "
+        f"starts are possible{missing}"
     )
 
 
 def _slow_enough(room: Room, motion: Fourier, name: str) -> float | None:
-    """The period, s, in which the same path keeps that limit; None where it does not in any of SLOWER times the motion's own."""
+    """Period s at which the same path keeps limit `name`; None if it does at none of SLOWER times its own period."""
     for times in SLOWER:
         basis = Basis(motion.basis.harmonics, times * motion.basis.period)
         shares = room.use(coarse(Fourier(basis, motion.home, motion.x / times))).shares
@@ -166,17 +167,17 @@ def _slow_enough(room: Room, motion: Fourier, name: str) -> float | None:
 
 
 def _too_near(room: Room, use: Use) -> str:
-    """Which bodies are too near to each other, by how much, and what would help."""
+    """Clause: which bodies are too near each other, by how much, and the remedy."""
     obstacle = next((o.name for o in room.cell.table.obstacles if o.name in use.pair), None)
     short = (CLEARANCE_MARGIN - use.clearance) * 1e3
     return (
-        f"{use.pair[0]} and {use.pair[1]} {short:.0f} mm nearer to each other than the cell's margin and its following error ask for; give "
+        f"{use.pair[0]} and {use.pair[1]} {short:.0f} mm nearer to each other than the cell's margin and its following error allow; give "
         f"another start with --home{f', or move {obstacle}' if obstacle else ''}"
     )
 
 
 def too_small(room: Room, motion: Fourier) -> str | None:
-    """The sentence that says which joint hardly moves, which limit holds it and what would relax it; None where every joint moves enough."""
+    """Sentence: which joint moves too little, what limits it, and the remedy; None if every joint moves enough."""
     arm, q = room.arm, coarse(motion).q
     needed = np.minimum(LEAST_REACH, LEAST_SHARE * (arm.q_max - arm.q_min))
     share = np.ptp(q, axis=0) / needed
@@ -185,7 +186,7 @@ def too_small(room: Room, motion: Fourier) -> str | None:
         return None
     factors = _own_factors(room, motion)
     name = min(factors, key=lambda k: float(factors[k][j]))
-    reach = f"{arm.joint_names[j]} moves through {np.ptp(q[:, j]):.2g} rad, {needed[j]:.2g} rad are the least that determines its parameters"
+    reach = f"{arm.joint_names[j]} moves through {np.ptp(q[:, j]):.2g} rad, but at least {needed[j]:.2g} rad are needed to determine its parameters"
     if share[j] * factors[name][j] >= 1:  # alone it would move enough
         use = room.use(coarse(motion))
         held = (
@@ -193,24 +194,24 @@ def too_small(room: Room, motion: Fourier) -> str | None:
             if use.clearance < 2 * CLEARANCE_MARGIN
             else f"the {use.worst[0]} limit of all joints together"
         )
-        return f"{reach}; {held} holds it: give another start with --home, or more room"
+        return f"{reach}; {held} restricts it: give another start with --home, or more room"
     if name == "q":
         return f"{reach}; the start is too near q_min or q_max: give another with --home, farther from both"
     period = motion.basis.period / (share[j] * factors[name][j]) ** (1 / GROWTH[name])
     limit = float(getattr(arm, f"{name}_max")[j])
     return (
-        f"{reach}; {name}_max of {limit:g} holds it in a period of {motion.basis.period:g} s: a --period of {period:.2g} s or more relaxes it, or "
+        f"{reach}; {name}_max of {limit:g} restricts it at a period of {motion.basis.period:g} s: give a --period of {period:.2g} s or more, or "
         f"a larger {name}_max in arm.toml if the arm allows it"
     )
 
 
 def own_scale(room: Room, motion: Fourier) -> np.ndarray:
-    """(n,) factor that brings every joint to its own limits of position, speed, acceleration and jerk, whichever binds."""
+    """(n,) factor that brings each joint to the first of its limits of position, speed, acceleration and jerk."""
     return np.maximum(np.min(list(_own_factors(room, motion).values()), axis=0), 0.0)
 
 
 def _own_factors(room: Room, motion: Fourier) -> dict[str, np.ndarray]:
-    """By limit the factor (n,) that brings every joint to it."""
+    """Limit -> factor (n,) that brings each joint to it."""
     arm, t = room.arm, np.linspace(0, motion.basis.period, 400)
     rows = [motion.basis.matrix(t, k) @ motion.x.T for k in range(4)]
     middle, half = (arm.q_max + arm.q_min) / 2, MARGIN["q"] * (arm.q_max - arm.q_min) / 2
@@ -227,5 +228,5 @@ def _own_factors(room: Room, motion: Fourier) -> dict[str, np.ndarray]:
 
 
 def coarse(motion: Fourier) -> Trajectory:
-    """One period at SAMPLES samples: enough for the highest harmonics, and what information is compared on."""
+    """One period at SAMPLES samples, which resolves the highest harmonics; information is compared on these."""
     return motion.sampled(SAMPLES / motion.basis.period)

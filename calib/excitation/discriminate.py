@@ -1,7 +1,8 @@
-"""A motion on which two explanations part: what one of them adds to the torque must not be what the other, and a refit, can imitate.
+"""Motion that separates two explanations: a torque of one that the other, together with a refit, cannot imitate.
 
-separation^2 = min over theta, c of |s_a - Y theta - S_b c|^2 / sigma^2, with s_a the torque that effect a adds along the motion, Y the
-regressor of rigid bodies and friction, S_b what effect b can add at its typical values, sigma the noise of the torque reading.
+separation^2 = min over theta, c of |s_a - Y theta - S_b c|^2 / sigma^2, with s_a the torque that effect a adds along the
+motion, Y the regressor of rigid bodies and friction, S_b what effect b can add at its typical values, and sigma the torque
+noise.
 """
 
 from __future__ import annotations
@@ -30,16 +31,17 @@ from sim.trajectory import Trajectory
 
 Pair = tuple[ArmEffect, tuple[str, str | None]]
 MOST_PROBES = 12
-SLOWER = (1.0, 2.0)  # periods tried, times the session's: friction parts slowly, inertia quickly
-ENOUGH = 5.0  # sigma of the whole motion
-WORTH, LIMITS = 30.0, 1000.0  # of the separation, and of a limit that is passed
-# sigma below which the effects are one on every motion of the arm, and what is left is rounding: 6e-12 for a load and a link of a SCARA
+SLOWER = (1.0, 2.0)  # periods tried, relative to the session's: slow motion separates friction, fast motion inertia
+ENOUGH = 5.0  # sigma, over the whole motion
+WORTH, LIMITS = 30.0, 1000.0  # weights of the separation and of exceeded limits
+# sigma below which two effects are the same on every motion of the arm; rounding alone gives 6e-12 for a load and a link of a
+# SCARA
 SAME = 0.01
 STEP, TINY = 1e-4, 1e-9
 
 
 def pairs_of(run: Path, arm: Arm) -> list[Pair]:
-    """(named effect, rival) for everything that a diagnosis could not distinguish; `run` is its folder or diagnosis.json."""
+    """Pairs (effect found, rival) that a diagnosis could not distinguish; `run` is its folder or diagnosis.json."""
     file = run / "diagnosis.json" if run.is_dir() else run
     try:
         answer: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
@@ -61,7 +63,7 @@ def pairs_of(run: Path, arm: Arm) -> list[Pair]:
                 arm.joint_index(where)
         effect_named(effect.effect), effect_named(name)
     if not found:
-        raise ConfigError(f"{file}: nothing in it is indistinguishable from something else; there is nothing to discriminate")
+        raise ConfigError(f"{file}: names no indistinguishable effects, so there is nothing to discriminate")
     return found
 
 
@@ -69,10 +71,10 @@ def discriminating(
     room: Room, pairs: Sequence[Pair], basis: Basis, home: np.ndarray, rng: np.random.Generator, tries: int,
     stop: DeviceStop | None = None, iterations: int = 20,
 ) -> tuple[Fourier, float]:  # fmt: skip
-    """The motion whose least separation over the pairs is largest, and that separation: the best of `tries` random ones, then ascended.
+    """Return the motion whose least separation over the pairs is largest, and that separation.
 
-    AnswerIsNo where no motion fits, or where none separates one of the pairs at all.
-    The ascent is that of the excitation, under the same limits, in the coefficients of the joints that the pairs name.
+    The best of `tries` random motions is improved by the descent that the excitation uses, under the same limits, in the
+    coefficients of the joints that the pairs name. AnswerIsNo if no motion fits, or if none separates one of the pairs at all.
     """
     best: tuple[Fourier, float] | None = None
     for k in range(tries):
@@ -84,7 +86,9 @@ def discriminating(
         if best is None or least > best[1]:
             best = (found, least)
     if best is None:
-        raise AnswerIsNo(f"{room.arm.name}: no motion fits that distinguishes these effects; give a freer posture with --home")
+        raise AnswerIsNo(
+            f"{room.arm.name}: no motion fits that could distinguish these effects; give a roomier posture with --home"
+        )
     for pair in pairs:
         _require_different(room.arm, coarse(best[0]), *pair)
     if iterations:
@@ -98,21 +102,24 @@ def discriminating(
 
 
 def _require_different(arm: Arm, motion: Trajectory, effect: ArmEffect, rival: tuple[str, str | None]) -> None:
-    """AnswerIsNo where neither of two effects stands out of the other and a refit, along a motion that is like any other in this."""
+    """AnswerIsNo if neither effect differs from what the other and a refit can imitate; any one motion shows this."""
     own = effect.effect, effect.joint
     pairs = [(effect, rival), *((item, own) for item in typical(arm, rival))]
     most = max(separation(arm, motion, *pair) for pair in pairs)
     if most < SAME:
         names = " and ".join(name.replace("_", " ") + (f" at {joint}" if joint else "") for name, joint in (own, rival))
         raise AnswerIsNo(
-            f"{arm.name}: no motion separates {names} from one another and from a refit of the arm's numbers ({most:.2g} standard deviations; "
-            f"{ENOUGH:g} are needed); decide otherwise: {effect_named(effect.effect).experiment or 'measure one of them by itself'}, or weigh the "
+            f"{arm.name}: no motion separates {names} from each other and from a refit of the arm's parameters ({most:.2g} standard deviations; "
+            f"{ENOUGH:g} are needed); decide by other means: {effect_named(effect.effect).experiment or 'measure one of them by itself'}, or weigh the "
             "part; then plan without --discriminate"
         )
 
 
 class Apart:
-    """-WORTH log separation of the pair that parts least, plus what the motion uses beyond its limits; gradient by differences."""
+    """-WORTH log separation of the least separated pair, plus the penalty for exceeded limits.
+
+    The gradient of the separation is by finite differences.
+    """
 
     def __init__(self, room: Room, pairs: Sequence[Pair], start: Fourier, stop: DeviceStop | None) -> None:
         model = TorqueModel.of_arm(room.arm)
@@ -137,7 +144,7 @@ class Apart:
         return value - WORTH * float(np.log(max(here, TINY))), gradient
 
     def separation(self, motion: Fourier) -> float:
-        """The least over the pairs."""
+        """Least separation over the pairs."""
         return self._least(motion)[0]
 
     def _moved(self, x: np.ndarray) -> Fourier:
@@ -149,7 +156,7 @@ class Apart:
 
 
 def separation(arm: Arm, motion: Trajectory, effect: ArmEffect, rival: tuple[str, str | None]) -> float:
-    """sigma by which `effect`'s torque along the motion stands out of all that `rival` and a refit can imitate."""
+    """Distance, in sigma, of the torque of `effect` along the motion from all that `rival` and a refit can imitate."""
     quiet = predict(arm, motion)
     wanted = predict(with_effect(arm, effect), motion) - quiet
     columns = [predict(with_effect(arm, item), motion) - quiet for item in typical(arm, rival)]

@@ -1,4 +1,4 @@
-"""Frames, distances of capsules and their slopes at many postures at once, compiled: planning asks for them at every sample that it tries."""
+"""Segment ends in the base, their distances and gradients at many postures, compiled: planning needs them at every sample."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ TINY = 1e-15
 
 @njit(cache=True)
 def _closest(first: np.ndarray, second: np.ndarray, apart: np.ndarray) -> tuple[float, float, float]:
-    """Distance of two segments (2, 3), shares s and t along them of their nearest points; a(s) - b(t) goes to apart (3,).
+    """Distance of two segments (2, 3), and shares s and t along them of their nearest points; writes a(s) - b(t) to apart (3,).
 
     C. Ericson, Real-Time Collision Detection, section 5.1.9.
     """
@@ -41,7 +41,7 @@ def _closest(first: np.ndarray, second: np.ndarray, apart: np.ndarray) -> tuple[
 
 @njit(cache=True)
 def pair_distances(ends: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """(N, P) distance m of the segments a (P,) and b (P,) of ends (N, segments, 2, 3)."""
+    """(N, P) m: distances between segments a (P,) and b (P,); ends (N, segments, 2, 3) m."""
     out, apart = np.empty((len(ends), len(a))), np.empty(3)
     for k in range(len(ends)):
         for p in range(len(a)):
@@ -51,7 +51,7 @@ def pair_distances(ends: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray
 
 @njit(cache=True)
 def _enclose(segments: np.ndarray, balls: np.ndarray) -> None:
-    """Middles and half lengths of segments (S, 2, 3) to balls (S, 4)."""
+    """Write the midpoints and half lengths of segments (S, 2, 3) to balls (S, 4)."""
     for i in range(len(segments)):
         half = 0.0
         for c in range(3):
@@ -62,7 +62,7 @@ def _enclose(segments: np.ndarray, balls: np.ndarray) -> None:
 
 @njit(cache=True)
 def _beyond(balls: np.ndarray, i: int, j: int, least: float) -> bool:
-    """Whether two balls, and so what is in them, are at least `least` m apart."""
+    """Whether two balls, and so their contents, are at least `least` m apart."""
     x, y, z = balls[i, 0] - balls[j, 0], balls[i, 1] - balls[j, 1], balls[i, 2] - balls[j, 2]
     reach = balls[i, 3] + balls[j, 3] + least
     return reach <= 0.0 or x * x + y * y + z * z >= reach * reach
@@ -70,9 +70,10 @@ def _beyond(balls: np.ndarray, i: int, j: int, least: float) -> bool:
 
 @njit(cache=True)
 def least_distances(ends: np.ndarray, a: np.ndarray, b: np.ndarray, less: np.ndarray, enough: float) -> np.ndarray:
-    """(N, P) `pair_distances` less `less` (P,) m, exact where they are below `enough` m, and the least of the others.
+    """(N, P) m: `pair_distances` less `less` (P,), exact where below `enough`, and for the least of the others.
 
-    Elsewhere a lower bound, which is neither: `enough`, or the least so far, that the balls around two segments are apart.
+    Elsewhere it is a lower bound: the least value so far that is not below `enough`, by which the balls around two segments are
+    apart.
     """
     out, apart, balls = np.empty((len(ends), len(a))), np.empty(3), np.empty((ends.shape[1], 4))
     least = np.inf
@@ -90,7 +91,10 @@ def least_distances(ends: np.ndarray, a: np.ndarray, b: np.ndarray, less: np.nda
 
 @njit(cache=True)
 def too_near(ends: np.ndarray, a: np.ndarray, b: np.ndarray, least: np.ndarray, pull: np.ndarray) -> float:
-    """Sum of squares (m^2) of what the distances of pairs lack to least (P,) m; its slopes by the ends are added to pull, shaped as ends."""
+    """Sum of squared shortfalls (m^2) of pair distances from least (P,) m; adds its gradient to pull.
+
+    pull has the shape of ends; the gradient is with respect to these.
+    """
     apart, balls, value = np.empty(3), np.empty((ends.shape[1], 4)), 0.0
     for k in range(len(ends)):
         _enclose(ends[k], balls)
@@ -115,7 +119,7 @@ def too_near(ends: np.ndarray, a: np.ndarray, b: np.ndarray, least: np.ndarray, 
 def slopes_by_joints(
     pull: np.ndarray, ends: np.ndarray, rotation: np.ndarray, origin: np.ndarray, axis: np.ndarray, prismatic: np.ndarray, moves: np.ndarray
 ) -> np.ndarray:  # fmt: skip
-    """J^T pull (N, n) of pull (N, segments, 2, 3) at the ends; moves (n, segments): which a joint carries."""
+    """J^T pull (N, n) for pull (N, segments, 2, 3) at the ends; moves (n, segments): which segments a joint moves."""
     count, shapes = pull.shape[:2]
     n = len(axis)
     out, force, moment = np.zeros((count, n)), np.empty((shapes, 3)), np.empty((shapes, 3))
@@ -145,7 +149,7 @@ def slopes_by_joints(
 
 @njit(cache=True)
 def carried(ends: np.ndarray, links: np.ndarray, rotation: np.ndarray, origin: np.ndarray) -> np.ndarray:
-    """(N, segments, 2, 3) m in the base of ends (segments, 2, 3) in the frames of their links, which are -1 for what stands still."""
+    """(N, segments, 2, 3) m in the base of ends (segments, 2, 3) in the frames of their links; link -1 is fixed."""
     out = np.empty((len(rotation), *ends.shape))
     for k in range(len(rotation)):
         for i in range(len(ends)):

@@ -1,8 +1,8 @@
 """q(t) = home + sum_k a_k/(k w) sin(k w t) + b_k/(k w) (1 - cos(k w t)), w = 2 pi / T, from rest to rest.
 
-With sum a_k = 0 and sum k b_k = 0 speed and acceleration vanish at the ends of every period, so that a motion begins and ends at `home`
-at rest, twice continuously differentiable, over any whole number of periods (periodic excitation: J. Swevers et al. 1997,
-doi:10.1109/70.631234).
+With sum a_k = 0 and sum k b_k = 0, speed and acceleration vanish at the ends of every period. A motion of any whole number of
+periods therefore begins and ends at `home` at rest and is twice continuously differentiable (periodic excitation: J. Swevers et
+al. 1997, doi:10.1109/70.631234).
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from sim.trajectory import Trajectory
 
 @dataclass(frozen=True)
 class Basis:
-    """Free coefficients x (n, f) -> motion, f = 2 harmonics - 2; `matrix(order)` (N, f) is the order-th derivative over one period."""
+    """Free coefficients x (n, f) -> motion, f = 2 harmonics - 2; `matrix` (N, f) gives its derivatives at instants t."""
 
     harmonics: int
     period: float
@@ -68,12 +68,12 @@ class Fourier:
         return Trajectory(t, q, dq, ddq)
 
     def scaled(self, factor: float | np.ndarray) -> Fourier:
-        """Amplitudes of all joints, or of each (n,), times a factor."""
+        """The motion with its amplitude multiplied by a factor, common or per joint (n,)."""
         return Fourier(
             self.basis, self.home, self.x * np.broadcast_to(np.asarray(factor, dtype=float), self.home.shape)[:, None]
         )
 
 
 def random_fourier(basis: Basis, home: np.ndarray, rng: np.random.Generator) -> Fourier:
-    """Speeds of about one rad/s spread evenly over the harmonics."""
+    """Random motion with speeds of about 1 rad/s, spread evenly over the harmonics."""
     return Fourier(basis, home, rng.standard_normal((len(home), basis.free)) / np.sqrt(basis.free))

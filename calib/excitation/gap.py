@@ -1,8 +1,8 @@
 """log det M <= log det M_w + tr(M_w^-1 (M - M_w)) for every mixture M_w of motions: the duality gap of D-optimal design.
 
-The log determinant is concave, so its tangent at any mixture bounds the information M of every motion (equivalence theorem: J. Kiefer,
-J. Wolfowitz 1960, doi:10.4153/CJM-1960-030-4). The largest tr(M_w^-1 M) over all motions within limits comes from ascents that may miss it:
-the bound is an estimate, not a proof.
+The log determinant is concave, so its tangent at any mixture bounds the information M of every motion (equivalence theorem: J.
+Kiefer, J. Wolfowitz 1960, doi:10.4153/CJM-1960-030-4). The largest tr(M_w^-1 M) over all motions within limits comes from
+ascents that may miss it, so the bound is an estimate, not a proof.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ SWEEPS = 300
 
 
 class Mixture:
-    """The D-optimal weights of motions with information matrices (p, p), on top of what is known before, prior (p, p).
+    """D-optimal weights of motions with information matrices (p, p), in addition to the prior information (p, p).
 
     Weights by the multiplicative algorithm (S. Silvey, D. Titterington, B. Torsney 1978).
     """
@@ -26,7 +26,7 @@ class Mixture:
         self._weigh()
 
     def add(self, information: Sequence[np.ndarray]) -> None:
-        """More motions: the tangent at the mixture without them gives a bound, at the best of all motions that are known now."""
+        """Add motions; the tangent at the mixture without them gives a bound, at the best of all motions now known."""
         slope = self.slope
         self._each = np.concatenate((self._each, np.array(information)))
         most = float(np.einsum("pr,kpr->k", slope, self._each - self._mixed).max())
@@ -35,7 +35,7 @@ class Mixture:
 
     @property
     def slope(self) -> np.ndarray:
-        """(p, p): the inverse of what the mixture and the prior amount to."""
+        """(p, p): inverse of the information of mixture and prior together."""
         return _inverse(self._mixed + self._prior)
 
     def along(self, k: int) -> float:
@@ -60,6 +60,6 @@ class Mixture:
 
 
 def _inverse(matrix: np.ndarray) -> np.ndarray:
-    """The inverse of a positive matrix, its columns scaled first."""
+    """Inverse of a positive definite matrix, scaled first to a unit diagonal."""
     scale = 1 / np.sqrt(np.diag(matrix))
     return np.linalg.inv(matrix * np.outer(scale, scale)) * np.outer(scale, scale)

@@ -1,8 +1,9 @@
-"""Penalty of what a motion does in space: capsules too near on its path or in a stop, points too fast, stops that end out of range.
+"""Penalty of a motion in space: capsules too near on its path or in a stop, points too fast, stops that end out of range.
 
-Squares of what is beyond its limit, as `safety.clear` will ask for it: point speeds with a following error e rad on every joint,
+It sums the squared excess over each limit, as `safety.clear` will apply it. Point speeds include a following error e rad on
+every joint,
   |J dq| + r |w| + e sum_jk S_jk |dq_j|  (S of `safety.loads`),
-on the path and where the device's stop begins to brake. Slopes go through the Jacobians of the capsules' ends, and are exact.
+on the path and where the device's stop begins to brake. Gradients go through the Jacobians of the capsules' ends and are exact.
 """
 
 from __future__ import annotations
@@ -16,17 +17,18 @@ from calib.excitation.room import MARGIN, Room
 from drivers.driver import DeviceStop
 from safety.loads import swept
 
-# 3 cm too near count like a limit that is passed by its own size
+# weighted so that 3 cm too near counts like a limit exceeded by 100 %
 PER_METRE = 1000.0
-# s before and after a sample, between which a point's speed is taken
+# s before and after a sample between which a point's speed is differenced
 AROUND = 0.01
-# a fine look: s after a stop began, besides its end, for distances; s after the device's braking began, for speeds, which grow where
-# only one of two joints that move against each other still moves; instants a sample; m and share of the speed that count as near
+# fine evaluation: s after a stop begins, besides its end, for distances; s after the device's braking begins, for speeds, which
+# grow if only one of two opposing joints still moves; instants per sample; m and share of a limit that count as near
 INSIDE = (0.1, 0.2, 0.3, 0.4, 0.55)
 BRAKED = (0.0, 0.08, 0.16)
 FINER = 2
 BAND, FAST = 0.03, 0.85
-# shares of what the room and the proof allow that a descent aims at; rad that a box of a stop's proof is wide, as much as the error more
+# shares of what `Room` and the proof allow that a descent aims at; rad, width of a box in a stop's proof, which acts like
+# additional following error
 ROOM_SPEED, PROVED_SPEED, RANGE = 0.99, 0.97, 0.99
 BOX = 0.0065
 
@@ -35,10 +37,10 @@ Looks = list[tuple[float, np.ndarray]]
 
 
 class Geometry:
-    """Value and gradient in the coefficients x (n, f) of motions about one home posture.
+    """Value, and gradient with respect to the coefficients x (n, f), of motions about one home posture.
 
-    At every sample; `fine`, at FINER times as many instants and more of every stop; with `about` x0 (n, f) only where that motion comes
-    near a limit.
+    Evaluated at every sample; with `fine`, at FINER times as many instants and more of every stop; with `about` x0 (n, f), only
+    where that motion comes near a limit.
     """
 
     def __init__(
@@ -55,12 +57,12 @@ class Geometry:
         self._sure = self._error + BOX
         shapes = [shape for shape in room.arm.tree.shapes for _ in capsules(shape)]
         n = room.arm.n
-        # (capsules, n): what a point of it becomes faster by, a rad of error on every joint and rad/s of each
+        # (capsules, n): increase of a point's speed per rad of error on every joint and per rad/s of each
         self._beyond = np.array([swept(room.arm, s).sum(axis=1) if s.link >= 0 else np.zeros(n) for s in shapes])
         self._middle = (room.arm.q_max + room.arm.q_min) / 2
         self._half = RANGE * ((room.arm.q_max - room.arm.q_min) / 2 - self._error)
         every = np.arange(count)
-        # (s after a stop began, samples) at which distances are looked at, and at which speeds; the first of these are on the path
+        # (s after a stop begins, samples) at which distances and speeds are evaluated; the first entry is the path itself
         near = [(t, every) for t in (0.0, *(INSIDE if fine else ()), np.inf)]
         fast = [(t, every) for t in (0.0, *((stop.reaction + t for t in BRAKED) if fine else ()))]
         if about is not None:
@@ -102,7 +104,7 @@ class Geometry:
         return self._weight * (value + too_fast), by_q.T @ self._basis[0] + by_dq.T @ self._basis[1]
 
     def _onto_joints(self, pull: np.ndarray, ends: np.ndarray, rotation: np.ndarray, origin: np.ndarray) -> np.ndarray:
-        """Slopes (K, n) by the postures of slopes by the ends, of which most are zero."""
+        """Gradients (K, n) with respect to the postures from those with respect to the ends, most of which are zero."""
         out = np.zeros((len(pull), self.room.arm.n))
         some = np.flatnonzero(pull.any(axis=(1, 2, 3)))
         out[some] = self.room.capsules.onto_joints(pull[some], ends[some], rotation[some], origin[some])
@@ -114,9 +116,10 @@ class Geometry:
     def _speeds(
         self, step: np.ndarray, rotation: np.ndarray, dq: np.ndarray
     ) -> tuple[float, np.ndarray, np.ndarray, np.ndarray]:
-        """Squares of speeds beyond their limits, and slopes by the ends, by the postures through the turning, and by the speeds.
+        """Squared excess of point speeds, and its gradients.
 
-        step (K, capsules, 2, 3) m/s of the ends at postures of these frames; the first `_on_path` are on the path itself.
+        The gradients are with respect to the ends, the postures (through the rotation) and the speeds. step (K, capsules, 2,
+        3): velocities, m/s, of the ends at the postures of these frames. The first `_on_path` are on the path itself.
         """
         room, radius = self.room, self._radius
         along = np.linalg.norm(step, axis=-1)
@@ -139,14 +142,14 @@ class Geometry:
         return float(np.sum(over**2) + np.sum(own**2)), pull, by_q, by_dq
 
     def _choose(self, looks: Looks, faster: Looks, q: np.ndarray, dq: np.ndarray) -> tuple[Looks, Looks]:
-        """Of looks at distances and at speeds those at which the motion q dq is near a limit."""
+        """Entries of `looks` (distances) and `faster` (speeds), reduced to samples where the motion q, dq is near a limit."""
         room = self.room
         near: Looks = []
         for t, rows in looks:
             at, _ = stopping(q, dq, self.stop, t)
             ends = room.capsules.segments(at)
             spare = room.nearness.clearances(at)[0] - SLACK
-            # a pair that never parts by more than BAND is near where it is nearer than usual
+            # a pair that stays within about BAND throughout counts as near only where it is nearer than usual
             close = (spare < np.clip(np.median(spare, axis=0) / 2, 0.0, BAND)).any(axis=1)
             close |= self._beside.near(ends, BAND).any(axis=1)
             if np.isinf(t):
@@ -166,10 +169,10 @@ class Geometry:
 
 
 def _joined(looks: Looks) -> tuple[np.ndarray, np.ndarray]:
-    """(K,) s after a stop began and (K,) samples of all looks."""
+    """(K,) s after a stop begins, and (K,) samples, of all entries."""
     return np.concatenate([np.full(len(rows), t) for t, rows in looks]), np.concatenate([rows for _, rows in looks])
 
 
 def _through(slope: np.ndarray, way: np.ndarray) -> np.ndarray:
-    """Slopes (K, n) by the speeds of a value whose slopes are `slope` (K, n), through slopes way (K, n, n)."""
+    """Gradient (K, n) with respect to the speeds: gradient `slope` (K, n) through the Jacobian `way` (K, n, n)."""
     return np.asarray((slope[:, None] @ way)[:, 0])

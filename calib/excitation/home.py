@@ -1,4 +1,4 @@
-"""Where motions begin: the cell of an arm of which nothing else is known, and a posture in which motions have room."""
+"""Where motions begin: a posture in which motions have room, and the cell assumed for an arm without one."""
 
 from __future__ import annotations
 
@@ -24,27 +24,28 @@ from sim.postures import postures
 from sim.prior import unstated
 from sim.rigid_body import RigidBody
 
-# random postures at a time, and how often more are drawn until twice LOOKED_AT are clear and can be held
+# random postures per draw, and most draws until twice LOOKED_AT are clear and can be held
 POSTURES, DRAWS = 1000, 8
 LOOKED_AT = 15
-# of half a joint's range, or of pi where that is less: postures are drawn from so far about its middle
+# share of half a joint's range, or of pi if that is less, about its middle from which postures are drawn
 ABOUT_MIDDLE = 0.6
 # share of random postures that are clear and can be held, below which there is little choice
 SCARCE = 0.1
-# of random postures, the share that must be free for capsules to do
+# least share of random postures that must be free for capsules to suffice
 FREE = 0.1
-# of what a stop is counted on to find, the share that the gentlest one may take at a home: the roomiest posture stays where that suffices; where it
-# does not, another is looked for that leaves some of it to the motion, and to the boxes of its proof. Tuned on one arm: tiago's plan is refused
-# at a home where it takes 1.08 and verified where it takes 0.73; at the homes of ur10e, ur3e, ur20 and servo6 it takes 0.5 or less
+# share of the usable torque that the gentlest stop may take at a home: up to ENOUGH the roomiest posture stays; above it one of
+# at most CALM is preferred, which leaves torque for the motion and the boxes of its proof. Tuned on one arm: tiago's plan is
+# refused at a home where the stop takes 1.08 and verified where it takes 0.73; at the homes of ur10e, ur3e, ur20 and servo6 it
+# takes 0.5 or less
 ENOUGH, CALM = 1.0, 0.7
 PLANE = "mounting_plane"
 
 
 def open_cell(arm: Arm) -> Cell:
-    """The cell of an arm of which nothing else is known: it stands on a plane, below all shapes that keep their height.
+    """Cell of an arm of which nothing else is known: it stands on a plane below all shapes of constant height.
 
-    These are the shapes that stand still, and those that only a joint with a vertical axis turns, which need their clearance besides. At
-    least 50 mm below its base's origin, to leave room for a flange.
+    These are the fixed shapes and those that only a joint with a vertical axis turns; the latter also need their clearance. The
+    plane is at least 50 mm below the origin of the base, to leave room for a flange.
     """
     heights, tree = [-0.05], arm.tree
     upright = not tree.prismatic[0] and np.allclose(np.abs((tree.rotation[0] @ tree.axis[0])[2]), 1.0)
@@ -66,7 +67,7 @@ def open_cell(arm: Arm) -> Cell:
 
 
 def free_share(arm: Arm) -> float:
-    """Share of random postures in which the arm keeps the clearances that a proof asks for, in its open cell; 1 where it has no moving shape."""
+    """Share of random postures with the clearances that a proof requires, in the open cell; 1 without moving shapes."""
     if all(shape.link < 0 for shape in arm.tree.shapes):
         return 1.0
     cell = open_cell(arm)
@@ -76,20 +77,20 @@ def free_share(arm: Arm) -> float:
 
 
 def posture(text: str, arm: Arm) -> np.ndarray:
-    """(n,) rad from numbers between commas."""
+    """(n,) rad from comma-separated numbers."""
     try:
         found = np.array([float(x) for x in text.split(",")])
     except ValueError:
         found = np.zeros(0)
     if found.shape != (arm.n,) or not np.all(np.isfinite(found)):
         raise ConfigError(
-            f"--home {text!r}: {arm.name} needs {arm.n} numbers in rad between commas, such as 0,-1.4,1.3,-1.4,-1.2,0.3"
+            f"--home {text!r}: {arm.name} needs {arm.n} comma-separated numbers in rad, such as 0,-1.4,1.3,-1.4,-1.2,0.3"
         )
     return found
 
 
 def home_of(room: Room, cell: Cell, wanted: np.ndarray | None, rng: np.random.Generator) -> np.ndarray:
-    """The posture where every motion begins and ends: as given, the cell's home, or of many random ones that where motions have most room."""
+    """Posture (n,) rad where every motion begins and ends: as given, the cell's home, or the roomiest of many random ones."""
     arm = room.arm
     given = wanted if wanted is not None else None if cell.table.home is None else np.array(cell.table.home)
     if given is not None:
@@ -114,16 +115,16 @@ def home_of(room: Room, cell: Cell, wanted: np.ndarray | None, rng: np.random.Ge
         if np.count_nonzero(usable) >= 2 * LOOKED_AT:
             break
     candidates = None
-    if slack and usable.mean() <= SCARCE:  # torque and room leave little choice: postures from which both may change
+    if slack and usable.mean() <= SCARCE:  # torque and room leave little choice, so look for slack in both
         candidates = climbed(room, slack, q, spare, middle, half, rng)
     if candidates is None and not clear.any():
         near = np.mean([part[-1] for part in parts], axis=0)
         worst = int(np.argmax(near))
         raise AnswerIsNo(
-            f"{arm.name} in {cell.name}: none of {len(q)} postures is clear of itself and the cell; {names[worst][0]} and {names[worst][1]} are too "
+            f"{arm.name} in {cell.name}: in none of {len(q)} postures is the arm clear of itself and the cell; {names[worst][0]} and {names[worst][1]} are too "
             f"near to each other in {near[worst]:.0%} of them: correct these two shapes or obstacles, or give a free posture with --home"
             + (
-                f"; {PLANE} is assumed where no cell is given: say with --cell where the arm stands"
+                f"; {PLANE} is assumed if no cell is given: state with --cell where the arm stands"
                 if PLANE in names[worst]
                 else ""
             )
@@ -132,9 +133,9 @@ def home_of(room: Room, cell: Cell, wanted: np.ndarray | None, rng: np.random.Ge
         best = int(np.argmin(np.where(clear, share, np.inf)))
         j = int(np.argmax(taken[best]))
         raise AnswerIsNo(
-            f"{arm.name}: in none of {clear.sum()} postures that are clear of itself and the cell do its torque limits hold it, with what nobody knows of "
-            f"its masses: {arm.joint_names[j]} may take {share[best]:.0%} of its limit (less margin) where it is best. Correct tau_max "
-            f"({np.round(arm.tau_max, 1).tolist()} N m) or the masses, say with --numbers how well they are known, or give a posture with "
+            f"{arm.name}: in none of {clear.sum()} postures that are clear of itself and the cell do its torque limits hold it, given the uncertainty of "
+            f"its masses: {arm.joint_names[j]} may take {share[best]:.0%} of its limit (less margin) in the best of them. Correct tau_max "
+            f"({np.round(arm.tau_max, 1).tolist()} N m) or the masses, state with --numbers how well they are known, or give a posture with "
             f"--home{_unsupported(arm, q[clear], j)}{missing_facts(arm, j)}"
         )
     if candidates is None:  # the roomiest first
@@ -144,11 +145,11 @@ def home_of(room: Room, cell: Cell, wanted: np.ndarray | None, rng: np.random.Ge
     by_torque = q[np.argsort(np.where(clear, share, np.inf))]
     best, best_key, most = candidates[0], (False, False, -np.inf), ENOUGH
     unsure = any(rows.any() for rows in unstated(arm).values())
-    # where torque leaves no motion about the roomiest, or hardly lets it stop: the free postures that take least to hold, then to stop
+    # if torque allows no motion about the roomiest, or hardly a stop: free postures that take least to hold, then to stop
     for ranked_postures in itertools.chain((candidates, by_torque), _steady(room, middle, half, rng)):
         chosen = free_postures(room, ranked_postures[: 2 * LOOKED_AT])
         scores = np.array([sum(_amplitude(room, Fourier(basis, q, trial.x)) for trial in trials) for q in chosen])
-        # torque that drives are only thought to take is no reason to move: the plan asks for what nobody stated of them
+        # torque that is only assumed, for unstated drive values, is no reason for another home: the plan asks for these values
         strain = np.full(len(chosen), ENOUGH) if unsure else np.maximum(room.stopping(chosen).max(axis=1), most)
         for k in np.lexsort((-scores, strain, scores <= 0)).tolist():
             key = (bool(scores[k] > 0), bool(scores[k] > 0 and sweepable(room, chosen[k])), -max(float(strain[k]), ENOUGH))
@@ -163,7 +164,7 @@ def home_of(room: Room, cell: Cell, wanted: np.ndarray | None, rng: np.random.Ge
 
 
 def _steady(room: Room, middle: np.ndarray, half: np.ndarray, rng: np.random.Generator) -> Iterator[np.ndarray]:
-    """Postures in which torque has slack for the gentlest stop as well, most first; none where there are none."""
+    """Yield postures with torque slack for the gentlest stop as well, largest first; nothing if there are none."""
     q = middle + ABOUT_MIDDLE * half * rng.uniform(-1, 1, (POSTURES, room.arm.n))
     clearances, stopping = room.nearness.clearances(q)[0], room.stopping(q)
     slack = Slack(clearances, stopping)
@@ -173,20 +174,23 @@ def _steady(room: Room, middle: np.ndarray, half: np.ndarray, rng: np.random.Gen
 
 
 def _unsupported(arm: Arm, q: np.ndarray, joint: int) -> str:
-    """What is likely missing where the masses of the file alone are too heavy in most postures q (N, n): a real arm holds itself up."""
+    """Clause: what is likely missing if the file's masses alone exceed tau_max in the median of postures q (N, n).
+
+    A real arm holds itself up. Empty otherwise.
+    """
     weight = np.abs(RigidBody(arm).inverse_dynamics(q, np.zeros_like(q), np.zeros_like(q))[:, joint])
     if np.median(weight) <= arm.tau_max[joint]:
         return ""
     return (
-        f". The file's own masses take {np.median(weight):.3g} N m of {arm.joint_names[joint]} in the median posture: if a spring or a "
+        f". The file's masses alone require {np.median(weight):.3g} N m of {arm.joint_names[joint]} in the median posture: if a spring or a "
         f"counterbalance carries them, state it (`calib arm new --spring`)"
     )
 
 
 def free_postures(room: Room, q: np.ndarray) -> np.ndarray:
-    """Of postures q, in order, the first LOOKED_AT at which the bodies themselves are free: a capsule holds less than a cylinder's rim.
+    """First LOOKED_AT of postures q, in order, at which the bodies themselves are free; if none is, just the first ones.
 
-    Where none is, the first ones.
+    The bodies are checked because a capsule does not contain a cylinder's rim.
     """
     needed = room.clearance.needed(room.cell.table.motion.following_error) + CLEARANCE_MARGIN
     free = [k for k, posture in enumerate(q) if np.all(room.clearance.distances(posture) >= needed)]
@@ -194,6 +198,6 @@ def free_postures(room: Room, q: np.ndarray) -> np.ndarray:
 
 
 def _amplitude(room: Room, motion: Fourier) -> float:
-    """Sum over the joints of the speed that the motion has once it fits, as a share of the joint's own."""
+    """Sum over the joints of the peak speed of the motion once it fits, as a share of dq_max; 0 if it does not fit."""
     found = fitted_to_room(room, motion)
     return 0.0 if found is None else float((np.abs(found.sampled(4.0).dq).max(axis=0) / room.arm.dq_max).sum())

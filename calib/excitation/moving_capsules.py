@@ -1,4 +1,4 @@
-"""The capsules of an arm's bodies at many postures, and what a slope by their ends or their rates is as a slope by the joints."""
+"""Capsules of an arm's bodies at many postures; maps gradients with respect to their ends or rates to the joints."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from sim.rigid_body import RigidBody
 
 
 class MovingCapsules:
-    """The capsules of all shapes of an arm, shape after shape.
+    """Capsules of all shapes of an arm, shape after shape.
 
-    names[k]    the body that capsule k stands for
-    links       (capsules,) the link that carries it, -1 for the base
+    names[k]    body that capsule k stands for
+    links       (capsules,) link that carries it, -1 for the base
     radius      (capsules,) m
-    beyond      (capsules,) m by which the body reaches beyond it at the most
-    on_link     (n, capsules) 1 where a capsule is carried by that link; a column of zeros for what stands still
+    beyond      (capsules,) m by which the body extends beyond it at most
+    on_link     (n, capsules) 1 where that link carries a capsule; a column of zeros for a fixed capsule
     """
 
     def __init__(self, arm: Arm) -> None:
@@ -30,7 +30,7 @@ class MovingCapsules:
         self.beyond = np.array([beyond_capsules(s) for s, _, _ in pieces])
         self.on_link = (self.links == np.arange(arm.n)[:, None]).astype(float)
         self._ends = np.array([ends for _, ends, _ in pieces]).reshape(-1, 2, 3)
-        # 1 where joint j moves link l, (n, n), and which capsules a joint carries, (n, capsules)
+        # (n, n) 1 where link l is moved by joint j; (n, capsules) which capsules a joint moves
         self._moved_by = np.array([arm.tree.moved_by(link) for link in range(arm.n)], dtype=float)
         moves = np.array([arm.tree.moved_by(int(link)) for link in self.links], dtype=bool).reshape(-1, arm.n)
         self._moves = np.ascontiguousarray(moves.T)
@@ -44,16 +44,16 @@ class MovingCapsules:
         return self.segments_at(*self.frames(q))
 
     def segments_at(self, rotation: np.ndarray, origin: np.ndarray) -> np.ndarray:
-        """`segments` from frames that are known."""
+        """`segments` from known frames."""
         return np.asarray(carried(self._ends, self.links, rotation, origin))
 
     def onto_joints(self, pull: np.ndarray, ends: np.ndarray, rotation: np.ndarray, origin: np.ndarray) -> np.ndarray:
-        """Slopes (N, n) by q of a value whose slopes by the ends of the capsules are pull (N, capsules, 2, 3): J^T pull."""
+        """J^T pull (N, n), gradient with respect to q, from the gradient pull (N, capsules, 2, 3) at the capsules' ends."""
         tree = self.tree
         return np.asarray(slopes_by_joints(pull, ends, rotation, origin, tree.axis, tree.prismatic, self._moves))
 
     def turning(self, rotation: np.ndarray, dq: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Axes (N, n, 3) of the hinges in the base, zero for a slide, and angular velocity (N, n, 3) rad/s of every link."""
+        """Axes (N, n, 3) of the joints in the base, zero for prismatic ones; angular velocity (N, n, 3) rad/s of the links."""
         tree = self.tree
         axes = np.stack([rotation[:, j] @ (tree.axis[j] * (not tree.prismatic[j])) for j in range(tree.n)], axis=1)
         return axes, np.einsum("lj,kj,kja->kla", self._moved_by, dq, axes)
@@ -61,11 +61,11 @@ class MovingCapsules:
     def onto_turning(
         self, pull: np.ndarray, axes: np.ndarray, omega: np.ndarray, dq: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Slopes (N, n) by q and by dq of a value whose slopes by the rates |omega| of the links are pull (N, n)."""
+        """Gradients (N, n) with respect to q and dq, from the gradient pull (N, n) with respect to the links' rates |omega|."""
         force = (pull / np.maximum(np.linalg.norm(omega, axis=-1), 1e-9))[..., None] * omega
         by_q = np.zeros_like(dq)
         for i in range(self.tree.n):
-            # a hinge before link l turns what the hinges between them add to its rate
+            # a revolute joint before link l rotates the rates that the joints between them add
             later = omega - omega[:, i : i + 1]
             swept = np.cross(axes[:, i : i + 1], later)
             by_q[:, i] = np.einsum("l,kla,kla->k", self._moved_by[:, i], force, swept)

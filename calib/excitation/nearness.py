@@ -1,6 +1,6 @@
-"""How far an arm's bodies are from one another and from the cell's obstacles at many postures, and the slopes that part them.
+"""Distances of an arm's bodies from one another and from obstacles at many postures, and the gradients that separate them.
 
-Capsules that stand for the bodies answer first; the bodies themselves are measured where the capsules are too near.
+Capsules that stand for the bodies are tried first; the bodies themselves are measured where the capsules are too near.
 """
 
 from __future__ import annotations
@@ -18,15 +18,15 @@ from sim.arm import Arm
 from sim.cell import BoxObstacle, Cell
 from sim.postures import postures
 
-# m beyond what a proof asks for at a posture: what lies between samples, and what it cannot decide within a stop
+# m beyond what a proof requires at a posture: for the path between samples, and for what a proof cannot decide within a stop
 CLEARANCE_MARGIN = 0.004
-# share of random postures in which capsules that only stand for bodies are too near: more, and a descent measures the bodies themselves
+# share of random postures with the capsules around two bodies too near, above which a descent measures the bodies themselves
 IN_THE_WAY = 0.3
 AHEAD = 100
 
 
 class Nearness:
-    """Every distance is in m beyond what a proof asks for. pairs: of the arm's own capsules, by index, those that a descent can part."""
+    """All distances are in m beyond what a proof requires; pairs: the arm's own capsule pairs that a descent can separate."""
 
     def __init__(self, arm: Arm, cell: Cell, capsules: MovingCapsules, clearance: Clearance) -> None:
         self._arm, self._obstacles, self._capsules, self._clearance = arm, cell.table.obstacles, capsules, clearance
@@ -38,13 +38,16 @@ class Nearness:
         self.pairs = self._parting()
 
     def clearances(self, q: np.ndarray) -> tuple[np.ndarray, list[tuple[str, str]]]:
-        """(N, pairs) m between bodies beyond what a proof asks for, self and obstacles; boxes by the distance of points along the capsule."""
+        """(N, pairs) m between bodies, self and obstacles, beyond what a proof requires; and the names of each pair.
+
+        The distance to a box is evaluated at points along the capsule.
+        """
         found = list(self._clearances(q, self._capsules.segments(q), worst=False))
         columns = [np.full((len(q), 1), np.inf), *(part for part, _ in found)]
         return np.concatenate(columns, axis=1), [("", ""), *(name for _, names in found for name in names)]
 
     def nearest(self, q: np.ndarray, ends: np.ndarray) -> tuple[float, tuple[str, str]]:
-        """The least of `clearances`, and its pair, where the ends of the capsules (N, capsules, 2, 3) are known: one that is too near, if any is."""
+        """Least of `clearances` and its pair, from known ends (N, capsules, 2, 3); if any pair is too near, one that is."""
         least, pair = np.inf, ("", "")
         for part, names in self._clearances(q, ends, worst=True):
             where = int(np.argmin(part))
@@ -55,7 +58,7 @@ class Nearness:
         return least, pair
 
     def push(self, ends: np.ndarray, wanted: float) -> tuple[float, np.ndarray]:
-        """Sum of squares (m^2) of what every clearance lacks to `wanted` m, and its slopes by the ends of the capsules."""
+        """Sum of squared shortfalls (m^2) of clearances from `wanted` m, and its gradient with respect to capsule ends."""
         pull = np.zeros_like(ends)
         value = 0.0
         if self.pairs:
@@ -77,7 +80,7 @@ class Nearness:
     def _clearances(
         self, q: np.ndarray, ends: np.ndarray, worst: bool
     ) -> Iterator[tuple[np.ndarray, Sequence[tuple[str, str]]]]:
-        """The columns of each obstacle, then of the arm's own pairs, and what they are of."""
+        """Yield the columns of each obstacle, then of the arm's own pairs, each with the names of its pairs."""
         for obstacle in self._obstacles:
             position = np.array(obstacle.position)
             which, needed = self._near(obstacle.name)
@@ -93,7 +96,7 @@ class Nearness:
             yield self._apart(q, ends, worst), self._pair_names
 
     def _parting(self) -> list[tuple[int, int]]:
-        """The pairs of capsules that a descent can part: a capsule around a body that is none holds more than the body does."""
+        """Capsule pairs that a descent can separate; others overlap too often, as a capsule is larger than the body in it."""
         if not self._all_pairs:
             return []
         a, b, _, body = self._pair_arrays
@@ -103,7 +106,7 @@ class Nearness:
         return [pair for pair, blocked in zip(self._all_pairs, often & (body >= 0), strict=True) if not blocked]
 
     def _near_box(self, box: BoxObstacle, ends: np.ndarray, wanted: float, pull: np.ndarray) -> float:
-        """What the clearances of one box lack, squared, its slopes added to `pull`."""
+        """Sum of squared shortfalls (m^2) of the clearances from one box; adds its gradient to `pull`."""
         moving, margin = self._near(box.name)
         half = np.array(box.size) / 2
         distance, share, slope = from_box(ends[:, moving], rpy_matrix(box.rpy), np.array(box.position), half)
@@ -114,13 +117,16 @@ class Nearness:
         return float(np.sum(lack**2))
 
     def _near(self, obstacle: str) -> tuple[list[int], np.ndarray]:
-        """Capsules that can come near an obstacle, and how far their middle lines must be from it, m."""
+        """Capsules that can come near an obstacle, and the distance m that their centre lines must keep from it."""
         which = [k for k, name in enumerate(self._capsules.names) if (name, obstacle) in self._needed]
         return which, self._capsules.radius[which] + np.array([self._needed[self._capsules.names[k], obstacle] for k in which])
 
     @cached_property
     def _pair_arrays(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Of all pairs: indices of both capsules, the distance that a proof asks for, m, and the pair of bodies, -1 where these are the capsules."""
+        """For all pairs: indices of both capsules, distance m that a proof requires, and index of the pair of bodies.
+
+        The last is -1 if the capsules are the bodies.
+        """
         a, b = np.array(self._all_pairs, dtype=int).T
         names = self._pair_names
         number = {pair: k for k, pair in enumerate(self._clearance.pairs)}
@@ -138,9 +144,9 @@ class Nearness:
         return [k for k, pair in enumerate(self._all_pairs) if pair in chosen]
 
     def by_capsules(self, ends: np.ndarray, worst: bool = False) -> np.ndarray:
-        """(N, all pairs) m between bodies, as their capsules have it, beyond what a proof asks for: never more than there is.
+        """(N, all pairs) m between bodies by their capsules, beyond what a proof requires: never too large.
 
-        With `worst` the least and what is too near; elsewhere a lower bound of these.
+        With `worst` it is exact for the least and for all that are too near, and a lower bound elsewhere.
         """
         a, b, needed, _ = self._pair_arrays
         less = (
@@ -151,7 +157,8 @@ class Nearness:
     def _apart(self, q: np.ndarray, ends: np.ndarray, worst: bool) -> np.ndarray:
         """`by_capsules`, with the distance of the bodies themselves where the capsules around them are too near.
 
-        worst: a posture that is not free decides; what is too near only by its capsules is not measured beside it, and stands as free.
+        worst: one posture that is not free decides. Pairs too near only by their capsules are then not measured and count as
+        free.
         """
         found = self.by_capsules(ends, worst)
         _, _, _, body = self._pair_arrays
@@ -172,7 +179,10 @@ class Nearness:
         return found
 
     def _measured(self, q: np.ndarray, pair: int, worst: bool) -> np.ndarray:
-        """(N,) m that two bodies are apart beyond what a proof asks for; with `worst` a lower bound where the posture before leaves enough."""
+        """(N,) m between two bodies beyond what a proof requires, for each posture q (N, n).
+
+        With `worst` it is a lower bound where the posture before leaves enough, and infinite after the first that is too near.
+        """
         out = np.full(len(q), np.inf)
         needed, reach = self._needed[self._clearance.pairs[pair]], self._clearance.reach[pair]
         k = 0

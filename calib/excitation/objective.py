@@ -1,10 +1,12 @@
-"""-log det of the whitened information of a Fourier motion, plus what it uses beyond its limits, with the exact gradient.
+"""-log det M of the information of a Fourier motion, plus a penalty for exceeded limits, with the exact gradient.
 
-M = P + sum_kj y_kj y_kj^T / sigma_j^2 over samples k and joints j, P what earlier recordings determined of an identified arm (`Known`),
-so that the next one determines what is still unknown; none for a nominal arm, whose numbers are a belief. d(-log det M)/dy_kj = -2 M^-1 y_kj / sigma_j^2,
-or with a slope A, -tr(A M) and -2 A y_kj / sigma_j^2. The chain to the coefficients
-goes through the slopes of the regressor by q, dq and ddq, and from there through the Fourier basis; all of it is exact. Torque is linear in
-the same regressor, so its limits cost nothing more; what the motion does in space is `calib.excitation.geometry`'s.
+M = P + sum_kj y_kj y_kj^T / sigma_j^2 over samples k and joints j. P is what earlier recordings determined of an identified arm
+(`Known`), so that the next one determines what is still unknown. It is zero for a nominal arm, whose values are only assumed.
+
+d(-log det M)/dy_kj = -2 M^-1 y_kj / sigma_j^2; with a slope A, the value is -tr(A M) and its derivative -2 A y_kj / sigma_j^2.
+The chain rule leads through the derivatives of the regressor with respect to q, dq and ddq, and through the Fourier basis, to
+the coefficients; all of it is exact. Torque is linear in the same regressor, so its limits cost nothing more.
+`calib.excitation.geometry` holds the limits in space.
 """
 
 from __future__ import annotations
@@ -27,18 +29,18 @@ CONDITION_AIM = 34.0
 SMOOTH = 8
 CONDITION_WEIGHT = 400.0
 RIDGE = 1e-8
-# A descent aims a little inside what the room asks for, so that its end needs no shrinking; less of the power, so that the hardest stop
-# may be taken: a softer one ends farther away
+# A descent aims slightly inside the limits of `Room`, so that its end needs no shrinking. It uses less of the power, so that
+# the hardest stop remains possible: a softer one ends farther away
 TIGHTER = {"q": 0.99, "dq": 0.99, "ddq": 0.99, "jerk": 0.99, "torque": 0.8, "power": 0.4}
-# Hz: samples of a filtered log that count as independent
+# Hz: rate at which samples of a filtered log count as independent
 INDEPENDENT = 25.0
 
 
 class Objective:
-    """Value and gradient in the free coefficients x (n, f) of motions about one home posture.
+    """Value, and gradient with respect to the free coefficients x (n, f), of motions about one home posture.
 
-    Columns: base combinations, friction, and candidates of a diagnosis that are linear: a spring and a quadratic speed law at every joint,
-    and the two tilts of the base, so that the motion distinguishes them from the rest.
+    Columns: base parameters, friction, and the linear candidates of a diagnosis, so that the motion distinguishes them from the
+    rest. These are a spring and a quadratic speed law at every joint, and the two tilts of the base.
     """
 
     def __init__(
@@ -57,7 +59,7 @@ class Objective:
     ) -> None:
         self.room, self.model, self.capped = room, model, capped
         self.start, n = start, model.arm.n
-        # as if there were SAMPLES samples, so that a search may begin with fewer and end with more
+        # scaled to SAMPLES samples, so that a search may begin with fewer and end with more
         share = SAMPLES / samples
         self.inverse_variance, self.weight = share / sigma**2, weight * share
         self.geometry = Geometry(room, stop or DeviceStop(), start, samples, self.weight, fine, about)
@@ -84,7 +86,7 @@ class Objective:
             self.prior[: model.p, : model.p] = share * inverse(Known.of_arm(model.arm).covariance)
 
     def information(self, x: np.ndarray) -> np.ndarray:
-        """(p, p) what the motion with coefficients x (n, f) determines, without the prior."""
+        """(p, p): information of the motion with coefficients x (n, f), without the prior."""
         q, dq, ddq = (b @ x.T for b in self._basis[:3])
         q = q + self.start.home
         columns = self._columns(self._full(q, dq, ddq), q, dq)
@@ -92,7 +94,7 @@ class Objective:
         return np.asarray(weighted.T @ columns.reshape(-1, self.p))
 
     def log_det(self, x: np.ndarray) -> float:
-        """Nats, of the information of the motion with coefficients x (n, f) and the prior."""
+        """log det, nats, of the information of the motion with coefficients x (n, f) and the prior."""
         return float(np.linalg.slogdet(self.information(x) + self.prior)[1])
 
     def __call__(self, x: np.ndarray) -> tuple[float, np.ndarray]:
@@ -142,7 +144,7 @@ class Objective:
         return out
 
     def _information(self, columns: np.ndarray) -> tuple[float, np.ndarray]:
-        """-log det, or -tr(A M) with a slope A, and its slopes (K, n, p) by the columns."""
+        """-log det M, or -tr(A M) with a slope A, and its gradient (K, n, p) with respect to the columns."""
         rows = columns.reshape(-1, self.p)
         weighted = (columns * self.inverse_variance[:, None]).reshape(-1, self.p)
         if self._slope is not None:
@@ -157,10 +159,10 @@ class Objective:
         return float(value), (weighted @ inverse).reshape(columns.shape)
 
     def _condition(self, columns: np.ndarray) -> tuple[float, np.ndarray]:
-        """(log cond - log aim)^2 above the aim, of the base regressor in raw SI units, times a weight.
+        """(log cond - log aim)^2 above the aim, of the base regressor in SI units, times a weight; and its gradient (K, n, b).
 
-        cond^2 = (sum l^P)^(1/P) (sum l^-P)^(1/P) over the eigenvalues l: never below the true one, and smooth where two of them meet.
-        The slopes (K, n, b) by the base columns come with it; none (0,) where it is zero.
+        cond^2 = (sum l^P)^(1/P) (sum l^-P)^(1/P) over the eigenvalues l, with P = SMOOTH: never below the true one, and smooth
+        where two of them meet. The gradient is with respect to the base columns; it is empty (0,) where the value is zero.
         """
         base = columns[:, :, : len(self.model.base)].reshape(-1, len(self.model.base))
         eigen, vectors = np.linalg.eigh(base.T @ base)
@@ -174,7 +176,10 @@ class Objective:
         return CONDITION_WEIGHT * over**2, 2 * CONDITION_WEIGHT * over * slope.reshape(*columns.shape[:2], -1)
 
     def _torque(self, full: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
-        """Penalty of torque beyond its limit, doubt included, and its slope (K, n) by torque."""
+        """Penalty for torque and power beyond their limits, uncertainty included.
+
+        Its gradients (K, n) are with respect to torque and to speed.
+        """
         n = self.model.arm.n
         smooth = np.tanh(dq / self._sign_width)
         tau = full @ self._pi + self._viscous * dq + self._coulomb * smooth
@@ -194,7 +199,7 @@ class Objective:
     def _through_regressor(
         self, z: np.ndarray, w: np.ndarray, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray
     ) -> list[np.ndarray]:
-        """Slopes (K, n) by q, dq and ddq of sum z . columns + w . torque."""
+        """Gradients (K, n) of sum z . columns + w . torque with respect to q, dq and ddq."""
         n, body = self.model.arm.n, self.model.body
         weights = np.einsum("kj,p->kjp", w, self._pi)
         weights[:, :, self.model.base.columns] += z[:, :, : len(self.model.base)]

@@ -1,9 +1,9 @@
-"""Several starts, each descended a little; the better half further, the best two to their end, where all limits are kept, and from there
-RESTARTS times more.
+"""Multi-start search: every start descends a little, the better half further, the best two to the end and RESTARTS times again.
 
-The descent is BFGS (J. Nocedal, S. Wright, Numerical Optimization, 2006, section 6.1) with its whole inverse Hessian, which goes on from
-stage to stage: first with limits that may be passed a little and few samples, then with a weight on the limits that grows until the end
-needs no shrinking. How much more another motion could determine is estimated by the duality gap of D-optimal design (`calib.excitation.gap`).
+At the end all limits are kept. The descent is BFGS (J. Nocedal, S. Wright, Numerical Optimization, 2006, section 6.1) with its
+full inverse Hessian, which is passed from stage to stage. The first stages use few samples and allow limits to be exceeded
+slightly. The weight on the limits then grows until the end needs no shrinking. The duality gap of D-optimal design
+(`calib.excitation.gap`) estimates how much more another motion could determine.
 """
 
 from __future__ import annotations
@@ -29,19 +29,20 @@ from sim.cell import Cell
 
 CONDITION_CAP = 40.0
 TRIES = 10
-# (weight of the limits, iterations, samples) of a descent's stages: from every start, from the better half, and from the best two
+# stages (weight of the limits, iterations, samples) of a descent from every start, from the better half, and from the best two
 Stage = tuple[float, int, int]
 SCOUT: tuple[Stage, ...] = ((30.0, 80, 60), (300.0, 120, 60))
 FURTHER: tuple[Stage, ...] = ((300.0, 120, 60), (300.0, 120, 60))
 TO_THE_END: tuple[Stage, ...] = (*((300.0, 150, 60),) * 3, (3e3, 100, 80), (3e4, 100, 100))
-# From the best two ends again, with limits that may be passed: a step over a low pass. On a UR10e the second adds 1.4 nats, a third 0.3.
+# again from the best two ends, with limits that may be exceeded, to cross a low barrier; on a UR10e the second restart adds
+# 1.4 nats, a third 0.3
 RESTART: tuple[Stage, ...] = ((30.0, 60, 60), *TO_THE_END[1:])
 RESTARTS = 2
-# where the end does not fit, as it came near to what the stage did not look at
+# repeated if the end does not fit, as it came near limits that the stage did not evaluate
 AGAIN: Stage = (3e4, 60, 100)
 REPAIRS, WHOLE = 3, 0.99
 LEFT = 2
-# below this weight a descent passes limits a little anyway: it looks at them only at its samples
+# below this weight a descent exceeds limits slightly anyway, so they are evaluated only at its samples
 COARSE = 100.0
 # ascents towards the motion that adds most to those found
 ASCENT: tuple[Stage, ...] = ((30.0, 150, 60), (300.0, 80, 60))
@@ -51,7 +52,7 @@ Progress = Callable[[str, float], None]
 
 @dataclass(frozen=True)
 class Site:
-    """Where motions are looked for: how the device brakes there, and whether the condition number is capped."""
+    """Arm and cell of a search, how the device brakes there, and whether the condition number is capped."""
 
     arm: Arm
     cell: Cell
@@ -61,11 +62,11 @@ class Site:
 
 @dataclass(frozen=True)
 class Start:
-    """Where one descent began and what came of it; worth is that of the motion after it was fitted to its room.
+    """Result of one descent: its motion, fitted to the room, and the worth of that motion.
 
-    information: nats, log det of all that the search maximises, of that motion: candidates of a diagnosis and what is known beside the
-    parameters. x (n, f) rad/s and value are the end itself and its objective at the last weight; gain is by how many nats the last tenth of
-    its iterations lowered it; inverse (n f, n f) is the inverse Hessian there.
+    information: nats, log det of all that the search maximises: besides the parameters, candidates of a diagnosis and what is
+    already known. seconds: processor time. x (n, f) rad/s and value: the end itself and its objective at the last weight. gain:
+    nats by which the last tenth of the iterations lowered value. inverse (n f, n f): inverse Hessian at x.
     """
 
     motion: Fourier
@@ -79,15 +80,16 @@ class Start:
 
     @property
     def rank(self) -> tuple[bool, float]:
-        """Order of ends: those below the condition cap first, then by what they determine."""
+        """Sort key of ends: those below the condition cap rank higher, then by information."""
         return self.worth.condition <= CONDITION_CAP, self.information
 
 
 @dataclass(frozen=True)
 class Search:
-    """The ends of all starts, those that came to their end first, the preferred of them before the other.
+    """Ends of all starts: first those that descended to the end, preferred ones first.
 
-    gap: estimate of the nats that any motion within the limits has more than the first, of as many columns.
+    gap: estimated information, nats, that the best motion within the limits has beyond the first end; columns: of the
+    information.
     """
 
     ends: tuple[Start, ...]
@@ -96,14 +98,14 @@ class Search:
 
     @property
     def smaller(self) -> float:
-        """By which share the standard deviations would be smaller with that motion, in their geometric mean: det^(-1/2) of as many."""
+        """Share by which that motion would reduce the standard deviations, as geometric mean: 1 - exp(-gap / (2 columns))."""
         return float(-np.expm1(-self.gap / (2 * self.columns)))
 
 
 def optimised(site: Site, best: Fourier, starts: int, seed: int, progress: Progress, processes: int = 2) -> Search:
-    """The search from `best` and starts - 1 random motions: preferred is what is below the condition cap, then what is informative.
+    """Search from `best` and starts - 1 random motions; prefer ends below the condition cap, then informative ones.
 
-    Starts that were left behind stand in the list as far as they came.
+    Starts that were dropped remain in the list as far as they descended.
     """
     half = max(LEFT, starts // 2)
     work = [
@@ -132,12 +134,12 @@ def optimised(site: Site, best: Fourier, starts: int, seed: int, progress: Progr
 
 
 def preference(worth: Worth) -> tuple[bool, float]:
-    """Order of motions: those below the condition cap first, then by log det."""
+    """Sort key of motions: those below the condition cap rank higher, then by log det."""
     return worth.condition <= CONDITION_CAP, worth.log_det
 
 
 def scouted(task: tuple[Site, Fourier, int | None]) -> Start:
-    """A short descent from a motion, or from a random one of that seed about the same posture."""
+    """Short descent from a motion or, with a seed, from a random one about the same posture."""
     site, start, seed = task
     if seed is not None:
         information = Information(model := TorqueModel.of_arm(site.arm), noise_of(model))
@@ -147,7 +149,7 @@ def scouted(task: tuple[Site, Fourier, int | None]) -> Start:
 
 
 def descended(task: tuple[Site, Fourier, np.ndarray, np.ndarray | None, tuple[Stage, ...]]) -> Start:
-    """From coefficients x (n, f) through the stages; where the end does not fit into its room, the start."""
+    """Descend from coefficients x (n, f) through the stages; the motion is the start's if the end does not fit its room."""
     site, start, x, inverse, stages = task
     began = time.process_time()
     room, model = Room(site.arm, site.cell), TorqueModel.of_arm(site.arm)
@@ -167,14 +169,14 @@ def descended(task: tuple[Site, Fourier, np.ndarray, np.ndarray | None, tuple[St
             whole = ended is not None and np.linalg.norm(ended.x) >= WHOLE * np.linalg.norm(x)
             if weight == AGAIN[0] and not whole and repairs < REPAIRS:
                 left, repairs = [AGAIN], repairs + 1
-    # a start that passes limits, or that safety.clear would refuse, may well be worth more: it does not compete
+    # a start that exceeds limits, or that safety.clear would refuse, may well be worth more, so it does not compete
     motion = start if ended is None else ended
     spent = time.process_time() - began
     return Start(motion, information.worth(coarse(motion)), objective.log_det(motion.x), spent, x, value, gain, inverse)
 
 
 def _better(end: Start, again: Start) -> Start:
-    """The one that determines more, with the seconds of both."""
+    """The end that ranks higher, with the seconds of both."""
     return replace(max(end, again, key=lambda s: s.rank), seconds=end.seconds + again.seconds)
 
 
@@ -184,8 +186,10 @@ def lowest(
     iterations: int,
     inverse: np.ndarray | None = None,
 ) -> tuple[np.ndarray, float, float, np.ndarray | None]:
-    """(x, value, gain, inverse): the end of BFGS after at most that many iterations, by how much the last tenth lowered the value, and
-    the inverse Hessian, with which another descent may begin; None where it is not positive.
+    """Run BFGS for at most `iterations` and return (x, value, gain, inverse).
+
+    gain: by how much the last tenth of the iterations lowered the value. inverse: inverse Hessian from which another descent
+    may begin, None if it is not positive definite.
     """
     values: list[float] = []
 
@@ -205,7 +209,7 @@ def lowest(
 
 
 def ascended(task: tuple[Site, Fourier, np.ndarray]) -> np.ndarray:
-    """Coefficients of a motion with much of tr(A M): from `start`, A (p, p)."""
+    """Coefficients of a motion with a large tr(A M), by ascents from `start`; A (p, p)."""
     site, start, slope = task
     room, model, x = Room(site.arm, site.cell), TorqueModel.of_arm(site.arm), start.x
     for weight, iterations, samples in ASCENT:
@@ -215,7 +219,10 @@ def ascended(task: tuple[Site, Fourier, np.ndarray]) -> np.ndarray:
 
 
 def _gap(pool: Workers, site: Site, found: list[Start], done: Callable[[float], None]) -> tuple[float, int]:
-    """Rounds of the conditional gradient: the mixture of all motions known, and the motion that adds most to it; the gap, of how many columns."""
+    """Duality gap, nats, and the number of columns, by rounds of the conditional gradient.
+
+    Each round forms the mixture of all known motions and adds the motions that ascend most along its tangent.
+    """
     best = found[0].motion
     model = TorqueModel.of_arm(site.arm)
     objective = Objective(Room(site.arm, site.cell), model, noise_of(model), best, stop=site.stop)

@@ -1,4 +1,4 @@
-"""How far a joint can be swept about a posture while the others stand: for its friction, and for a home that leaves room for it."""
+"""How far a joint can be swept about a posture while the others stand: for friction sweeps and for the choice of a home."""
 
 from __future__ import annotations
 
@@ -12,16 +12,17 @@ from safety.parameters import missing_facts
 from sim.errors import AnswerIsNo
 from sim.trajectory import Trajectory
 
-# rad to either side that a sweep is tried with, of a joint that turns through WHOLE or more; less of one that has less
+# rad to either side that are tried for a sweep, of a joint with a range of WHOLE or more; scaled down for a smaller range
 REACHES, WHOLE = (1.2, 0.9, 0.6, 0.4, 0.25, 0.12), 2.0
-# shares of the speeds that are tried; the second where the first leave no sweep, as with a dq_max from which the arm cannot stop within its range
+# shares of the speeds that are tried; the second set if the first leaves no sweep, as with a dq_max from which the arm cannot
+# stop within its range
 SLOWER = ((1.0, 0.7, 0.5, 0.35), (0.2, 0.1, 0.05, 0.025, 0.012, 0.006, 0.003))
-# of dq_max: as fast as the sweeps of an ordinary session
+# share of dq_max: as fast as the sweeps of an ordinary session
 FAST = 0.25
 
 
 def sweep_range(room: Room, home: np.ndarray, j: int, speeds: np.ndarray) -> tuple[float, float, np.ndarray]:
-    """Both ends, rad, and the speeds, rad/s, of the widest sweep of joint j from `home` that fits; AnswerIsNo where the least does not."""
+    """Ends, rad, and speeds, rad/s, of the widest sweep of joint j from `home` that fits; AnswerIsNo if the least does not."""
     arm = room.arm
     missing, held, move = "", "a body near it", ""
     reaches = np.array(REACHES) * min(1.0, (arm.q_max[j] - arm.q_min[j]) / WHOLE)
@@ -48,7 +49,7 @@ def sweep_range(room: Room, home: np.ndarray, j: int, speeds: np.ndarray) -> tup
         move = next((f", or move {o.name}" for o in room.cell.table.obstacles if o.name in still.pair), "")
     raise AnswerIsNo(
         f"{arm.joint_names[j]}: at the start {np.round(home, 3).tolist()} rad it has less than {reaches[-1]:.2g} {'m' if arm.tree.prismatic[j] else 'rad'} "
-        f"to either side; {held} holds it: give another start with --home{move}{missing}"
+        f"to either side; {held} restricts it: give another start with --home{move}{missing}"
     )
 
 

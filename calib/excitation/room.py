@@ -1,6 +1,6 @@
-"""How much of its limits a motion uses, fast: the look-ahead of `safety.clear`, on samples, for planning only.
+"""Fast estimate, at samples, of how much of its limits a motion uses; for planning only.
 
-Everything is a share: 1 is the limit. What is planned here is proved afterwards by `safety.clear`, which alone decides.
+All values are shares of their limit. `safety.clear` verifies every planned motion afterwards and alone decides.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ from sim.cell import Cell
 from sim.required import require_limits, require_masses
 from sim.trajectory import Trajectory
 
-# Shares of the limits that a plan aims at: what is left covers the gaps between samples and the stops that must stay inside
+# shares of the limits that a plan aims at; the rest is for the path between samples and for stops, which must stay inside
 MARGIN = {"q": 0.95, "dq": 0.95, "ddq": 0.9, "jerk": 0.8, "torque": 0.9, "point speed": 0.9}
 
 
 @dataclass(frozen=True)
 class Use:
-    """Largest share of each limit over a motion, and the least clearance, m beyond what a proof asks for, with the pair of bodies."""
+    """Largest share of each limit over a motion; least clearance, m beyond what a proof requires, with its pair of bodies."""
 
     shares: dict[str, np.ndarray]
     clearance: float
@@ -43,12 +43,12 @@ class Use:
 
     @property
     def fits(self) -> bool:
-        """Whether the motion may be worth asking safety.clear."""
+        """Whether the motion is worth passing to safety.clear."""
         return bool(self.worst[1] <= 1.0 and self.clearance >= CLEARANCE_MARGIN)
 
 
 class Room:
-    """The limits of one arm in one cell, the capsules of its bodies, and how near these come to one another and to the cell."""
+    """Limits of one arm in one cell, capsules of its bodies, and their distances from one another and from the cell."""
 
     def __init__(self, arm: Arm, cell: Cell, stop: DeviceStop | None = None) -> None:
         require_masses(arm)
@@ -62,11 +62,11 @@ class Room:
         self.nearness = Nearness(arm, cell, self.capsules, self.clearance)
 
     def clear(self, motion: Trajectory) -> ClearedTrajectory:
-        """`safety.clear` of a motion in this cell, with room for this stop; SafetyStop where it is refused."""
+        """`safety.clear` of a motion in this cell with this device stop; SafetyStop if it refuses."""
         return clear(motion, self.arm, self.cell, stop=self.stop, clearance=self.clearance)
 
     def use(self, motion: Trajectory) -> Use:
-        """What a motion uses, at its samples; jerk from differences of the acceleration."""
+        """Use of the limits at a motion's samples; jerk from differences of the acceleration."""
         arm = self.arm
         middle, half = (arm.q_max + arm.q_min) / 2, (arm.q_max - arm.q_min) / 2
         step = np.diff(motion.t)[:, None]
@@ -91,18 +91,18 @@ class Room:
         return self._stopped(motion, found) if found.fits else found
 
     def holding(self, q: np.ndarray) -> np.ndarray:
-        """(N, n) of the torque limits, less what a plan leaves of them: the share that standing still at each posture q (N, n) may take."""
-        twice = np.concatenate([q, q[-1:]])  # a motion has two instants at least
+        """(N, n) largest share of the torque limits, less a plan's margin, that standing still at postures q (N, n) takes."""
+        twice = np.concatenate([q, q[-1:]])  # a motion has at least two instants
         still = Trajectory(np.arange(len(twice), dtype=float), twice, np.zeros_like(twice), np.zeros_like(twice))
         torque = torque_interval(still, self.arm, self.cell, self._bounds, self.cell.table.motion.following_error)
         return np.asarray(torque.most / (MARGIN["torque"] * torque.limit))[:-1]
 
     def stopping(self, q: np.ndarray) -> np.ndarray:
-        """(N, n) as `holding`: the share that even the gentlest stop takes at each posture q (N, n), from the slowest motion."""
+        """(N, n) as `holding`, for the gentlest stop from the slowest motion at each posture q (N, n)."""
         return gentlest_stop(q, self.arm, self.cell, self.stop, self._bounds)
 
     def _stopped(self, motion: Trajectory, path: Use) -> Use:
-        """`path`, with what the stops from every sample use more."""
+        """`path`, extended by what the stops from every sample use beyond it."""
         arm = self.arm
         q, torque = stops_of(motion, arm, self.cell, self.stop, self._bounds)
         middle, half = (arm.q_max + arm.q_min) / 2, (arm.q_max - arm.q_min) / 2 - self.cell.table.motion.following_error

@@ -1,10 +1,10 @@
-"""The session plan: what an operator records in one sitting, in the order in which it is recorded, every motion proved by safety.clear.
+"""Session plan: the motions that an operator records, in order, each verified by safety.clear.
 
 friction    each joint in turn at constant speeds both ways, then a small chirp of all joints (0.5 to 7 Hz)
 excitation  the informative Fourier motion, whole periods
-validation  another Fourier motion, which no fit sees
-discriminate  where a diagnosis left two explanations: the motion on which they part most
-probes      reversal ladder, static holds, the excitation's path at half speed
+validation  another Fourier motion, which no fit uses
+probes      reversal ladder, the excitation's path at half speed, static holds
+discriminate  the motion that best separates two explanations left by a diagnosis
 """
 
 from __future__ import annotations
@@ -36,15 +36,23 @@ from sim.trajectory import Trajectory
 Progress = Callable[[str, float], None]
 SHRINK = 0.85
 ATTEMPTS = 24
-# of the range, speed and acceleration of the sweeps and the chirp
+# shares of the range, speed and acceleration of the sweeps and the chirp
 GENTLER = (1.0, 0.7, 0.5, 0.35, 0.25)
 
 
 @dataclass(frozen=True)
 class Session:
-    """What to plan. seconds of one period, harmonics, whole periods of the excitation, random motions tried, starts of the optimiser (none: the best
-    random motion), probes or not, speeds of the sweeps as shares of dq_max, each kept up for about `cruise` s; home (n,) rad is found where it is None; progressive:
-    motions for a first bring-up come first; apart: effects that one more motion is to distinguish from their rivals.
+    """Settings of a session plan.
+
+    period, harmonics  s and order of the Fourier motions
+    periods            whole periods of the excitation
+    tries, starts      random motions tried; starts of the optimiser, 0 for the best random motion
+    probes             whether probes are added
+    speeds, cruise     speeds of the sweeps as shares of dq_max, each held for about `cruise` s
+    chirp              s, its duration
+    home               (n,) rad; None to search for one
+    progressive        whether motions for a first bring-up come first
+    apart              effects that one more motion is to distinguish from their rivals
     """
 
     period: float = 20.0
@@ -67,7 +75,7 @@ QUICK = Session(periods=1, tries=40, starts=0, probes=False, speeds=(0.06, 0.2),
 
 @dataclass(frozen=True)
 class Designed:
-    """Motions that safety.clear accepts, what the excitation is worth, and what is to be remembered of it."""
+    """Motions that safety.clear accepts, the worth of the excitation, and the summary that the plan stores."""
 
     motions: tuple[Motion, ...]
     worth: Worth
@@ -76,14 +84,15 @@ class Designed:
 
     @property
     def duration(self) -> float:
-        """Seconds of all motions at full speed."""
+        """Duration of all motions at full speed, s."""
         return sum(m.trajectory.duration for m in self.motions)
 
 
 def design(arm: Arm, cell: Cell, session: Session, progress: Progress = lambda stage, share: None) -> Designed:
     """Plan the session for this arm in this cell.
 
-    AnswerIsNo says which limit binds where no motion fits; SafetyStop carries the refusal of safety.clear where shrinking does not help.
+    AnswerIsNo names the binding limit if no motion fits. SafetyStop carries the refusal of safety.clear if shrinking does not
+    help.
     """
     stop = stop_to_plan_for(open_driver(cell, arm), cell)
     room = Room(arm, cell, stop)
@@ -148,7 +157,7 @@ def design(arm: Arm, cell: Cell, session: Session, progress: Progress = lambda s
 
 
 def identifiable(model: TorqueModel, information: Information, motion: Fourier) -> dict[str, bool]:
-    """Which parameters one period would fix to a third of the prior or a tenth of their value, at the arm's own noise.
+    """Whether one period determines each parameter to CONTRACTION of its prior or RELATIVE of its value, at the arm's noise.
 
     Samples at 25 Hz count as independent, which is what a filter of about 8 Hz leaves.
     """
@@ -167,9 +176,9 @@ def identifiable(model: TorqueModel, information: Information, motion: Fourier) 
 
 
 def cleared_friction(room: Room, home: np.ndarray, session: Session, rate: float) -> Trajectory:
-    """Sweeps with ranges and speeds that fit, joint by joint, and the chirp after them; gentler where safety.clear refuses.
+    """Sweeps joint by joint, with ranges and speeds that fit, then the chirp; gentler while safety.clear refuses.
 
-    The refusal is passed on where that does not help.
+    SafetyStop if it refuses the gentlest as well.
     """
     arm = room.arm
     low, high = home.copy(), home.copy()
@@ -193,7 +202,7 @@ def cleared_friction(room: Room, home: np.ndarray, session: Session, rate: float
 
 
 def _chirp(room: Room, home: np.ndarray, size: np.ndarray, seconds: float, rate: float, gentle: float) -> Trajectory:
-    """The chirp with as much of its size as fits."""
+    """Chirp with as much of its size as fits."""
     chirp = overlay(room.arm, home, size, seconds, rate, gentle)
     for _ in range(ATTEMPTS):
         if room.use(thinned(chirp, 60.0)).fits:
@@ -204,7 +213,7 @@ def _chirp(room: Room, home: np.ndarray, size: np.ndarray, seconds: float, rate:
 
 
 def joined(first: Trajectory, second: Trajectory) -> Trajectory:
-    """One motion after another, which begins where the first ends, at rest."""
+    """Two motions in sequence; the second begins where the first ends, at rest."""
     step = first.t[1] - first.t[0]
     t = np.concatenate([first.t, first.t[-1] + step + second.t - second.t[0]])
     parts = [np.concatenate([getattr(first, k), getattr(second, k)]) for k in ("q", "dq", "ddq")]

@@ -1,7 +1,7 @@
-"""Where an arm comes to rest that is stopped anywhere in a motion: at its samples, for planning only; `safety.tube` proves it.
+"""Where stops from the samples of a motion come to rest: for planning only; `safety.tube` verifies stops.
 
-Our own stop slows every joint by a share of ddq_max; the device's keeps the last speed for its reaction time and slows down by a share of
-its deceleration. The share is the hardest of `safety.tube.SHARES` for which the torque suffices.
+Our stop decelerates every joint at a share of ddq_max. The device's keeps the last speed for its reaction time, then
+decelerates at a share of its own deceleration. The share is the largest of `safety.tube.SHARES` for which the torque suffices.
 """
 
 from __future__ import annotations
@@ -17,19 +17,21 @@ from sim.arm import Arm
 from sim.cell import Cell
 from sim.trajectory import Trajectory
 
-# shares of torque and power: a proof holds for a following error and whole boxes of states, what suffices by less is not counted on
+# shares of torque and power that count as sufficient: a proof also covers a following error and whole boxes of states
 PREDICTED, POWERED = 0.9, 0.5
-# directions of all joints in which the gentlest stop is tried at a posture
+# random directions of motion in which the gentlest stop is tried at each posture
 DIRECTIONS = 8
 
 
 def stops_of(motion: Trajectory, arm: Arm, cell: Cell, stop: DeviceStop, bounds: TorqueBounds) -> tuple[np.ndarray, np.ndarray]:
-    """(4 N, n) rad half-way through and at the end of our stop and the device's from each sample, and (n,) the largest share of tau_max that
-    they take, or of the power."""
+    """Positions (4 N, n) rad of the stops from each sample; (n,) largest share of tau_max, or of the power, that they take.
+
+    The positions are halfway along the braking path and at its end, for our stop and then for the device's.
+    """
     fastest = np.abs(motion.dq)
     if stop.proportional:
         fastest = np.broadcast_to(fastest.max(axis=1, keepdims=True), fastest.shape)
-    # rad/s^2 of every joint at the full deceleration
+    # rad/s^2: full deceleration of every joint
     own = np.where(np.abs(motion.dq) > 0, arm.ddq_max, 0.0)
     with np.errstate(divide="ignore", invalid="ignore"):
         device = np.where(fastest > 0, stop.deceleration * np.abs(motion.dq) / fastest, 0.0)
@@ -50,13 +52,14 @@ def stops_of(motion: Trajectory, arm: Arm, cell: Cell, stop: DeviceStop, bounds:
 
 
 def gentlest_stop(q: np.ndarray, arm: Arm, cell: Cell, stop: DeviceStop, bounds: TorqueBounds) -> np.ndarray:
-    """(N, n) of what is counted on of tau_max: the share that the gentlest stop takes at postures q (N, n) rad, however slow the motion is.
+    """(N, n) share of the usable torque that the gentlest stop takes at postures q (N, n) rad, however slow the motion is.
 
-    The worst of DIRECTIONS in which the joints may be moving: each slows down by the least share of ours or of the device's deceleration.
+    The usable torque is PREDICTED of the limit. The worst of DIRECTIONS of motion counts. Each joint decelerates at the least
+    share of ddq_max or of the device's deceleration, whichever is larger.
     """
     slowing = SHARES[-1] * np.maximum(arm.ddq_max, stop.deceleration)
     signs = np.random.default_rng(0).choice((-1.0, 1.0), (DIRECTIONS, arm.n))
-    t, twice = np.arange(len(q) + 1, dtype=float), np.concatenate([q, q[-1:]])  # a motion has two instants at least
+    t, twice = np.arange(len(q) + 1, dtype=float), np.concatenate([q, q[-1:]])  # a motion has at least two instants
     out = np.zeros_like(q)
     for sign in signs:
         dq, ddq = (np.broadcast_to(x, twice.shape) for x in (CREEP * sign, -slowing * sign))

@@ -1,4 +1,4 @@
-"""Motions from point to point at chosen speeds: constant-speed sweeps, ladders, holds and reversals, by Ruckig's jerk-limited profiles."""
+"""Point-to-point motions at chosen speeds, by Ruckig's jerk-limited profiles: sweeps, reversals, holds; and a small chirp."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from sim.arm import Arm
 from sim.errors import ConfigError
 from sim.trajectory import Trajectory
 
-# Shares of acceleration and jerk that a sweep uses: gentle, and far from where the quintic between two samples could exceed them
+# share of acceleration and jerk that a sweep uses, far below where the quintic between two samples could exceed the limits
 GENTLE = 0.4
 DWELL = 0.3
 LOW, HIGH = 0.5, 7.0  # Hz of the small chirp
@@ -29,11 +29,10 @@ class Waypoint:
 
 
 def through(arm: Arm, start: np.ndarray, stops: Sequence[Waypoint], rate: float, gentle: float = GENTLE) -> Trajectory:
-    """From rest at `start` (n,) through every stop, at rest at each, sampled at `rate` Hz; all joints arrive together.
+    """Motion from rest at `start` (n,) through every stop, at rest at each, at `rate` Hz; all joints arrive together.
 
-    gentle: share of acceleration and jerk that is used.
-
-    ConfigError where Ruckig finds no profile, which means that a stop lies outside the limits.
+    gentle: share of acceleration and jerk that is used. ConfigError if Ruckig finds no profile, as a stop is then outside the
+    limits.
     """
     q, dq, ddq = [np.asarray(start, dtype=float)[None]], [np.zeros((1, arm.n))], [np.zeros((1, arm.n))]
     here = np.asarray(start, dtype=float)
@@ -79,7 +78,7 @@ def friction_sweeps(
     arm: Arm, home: np.ndarray, low: np.ndarray, high: np.ndarray, speeds: np.ndarray, cruise: float, rate: float,
     gentle: float = GENTLE,
 ) -> Trajectory:  # fmt: skip
-    """Each joint in turn, about `cruise` s each way at every speed (n, m) rad/s, within [low, high], the others still at home."""
+    """Each joint in turn, about `cruise` s each way at every speed (n, m) rad/s, within [low, high]; others stand at home."""
     stops = []
     for j in range(arm.n):
         for speed in speeds[j]:
@@ -95,7 +94,7 @@ def friction_sweeps(
 
 
 def reversal_ladder(arm: Arm, home: np.ndarray, amplitudes: Sequence[float], rate: float) -> Trajectory:
-    """Each joint in turn to and fro with every amplitude (rad), slowly: what friction does before and at a change of direction."""
+    """Each joint in turn, slowly back and forth at every amplitude (rad), to show friction before and at a reversal."""
     stops = []
     for j in range(arm.n):
         for amplitude in amplitudes:
@@ -107,7 +106,7 @@ def reversal_ladder(arm: Arm, home: np.ndarray, amplitudes: Sequence[float], rat
 
 
 def static_holds(arm: Arm, home: np.ndarray, postures: Sequence[np.ndarray], approach: float, rate: float) -> Trajectory:
-    """Every posture approached from both sides and held: the mean of the two holds is gravity, half their difference dry friction."""
+    """Postures held from both sides: the mean of the two holds is gravity, half their difference dry friction."""
     fast = 0.3 * arm.dq_max
     stops = []
     for posture in postures:
@@ -121,9 +120,9 @@ def static_holds(arm: Arm, home: np.ndarray, postures: Sequence[np.ndarray], app
 def overlay(
     arm: Arm, home: np.ndarray, amplitude: np.ndarray, seconds: float, rate: float, gentle: float = GENTLE
 ) -> Trajectory:  # fmt: skip
-    """A small chirp of every joint, LOW to HIGH and each at its own phase, faded at the ends.
+    """Small chirp of all joints, faded at the ends: LOW to HIGH Hz for the first, 7 % of that more for each further joint.
 
-    Its speed is amplitude (n,) rad/s, less where that would take more than `gentle` of the acceleration or jerk.
+    Its speed is amplitude (n,) rad/s, or less if that would take more than `gentle` of the acceleration or jerk.
     """
     count = round(seconds * rate)
     t = np.arange(count + 1) / rate
@@ -150,7 +149,7 @@ def _smooth_derivatives(t: np.ndarray, q: np.ndarray) -> tuple[np.ndarray, np.nd
 
 
 def _fade(t: np.ndarray, seconds: float, ramp: float) -> np.ndarray:
-    """0 to 1 to 0 with four continuous derivatives at the ends."""
+    """0 to 1 to 0 with three continuous derivatives at the ends."""
     s = np.clip(np.minimum(t, seconds - t) / ramp, 0.0, 1.0)
     return s**4 * (35 - 84 * s + 70 * s**2 - 20 * s**3)
 

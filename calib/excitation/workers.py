@@ -1,4 +1,4 @@
-"""Tasks beside one another in processes of one thread each, or one after the other in this one."""
+"""Tasks in parallel, in processes of one thread each, or one after the other in this process."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 
 
 class Workers:
-    """`run` gives the answers in the order of the tasks, and says after each what share is done."""
+    """`run` returns the answers in the order of the tasks and reports the share done after each."""
 
     def __init__(self, pool: ProcessPoolExecutor | None) -> None:
         self._pool = pool
 
     def run(self, work: Callable[[Task], Answer], tasks: Sequence[Task], done: Callable[[float], None]) -> list[Answer]:
-        """[work(task) ...]; an error in one of them is raised here."""
+        """[work(task) ...]; an error in any of them is raised here."""
         answers = []
         if self._pool is None:
             for k, task in enumerate(tasks):
@@ -39,7 +39,10 @@ class Workers:
 
 @contextmanager
 def _without_script() -> Iterator[None]:
-    """Worker processes do not import the user's script: one that calls `plan` outside of `if __name__ == "__main__"` would start more of them."""
+    """Keep worker processes from importing the user's script.
+
+    A script that calls `plan` outside `if __name__ == "__main__"` would otherwise start more of them.
+    """
     script: dict[str, object] = vars(sys.modules["__main__"])
     hidden: dict[str, object] = {name: script.pop(name) for name in ("__file__", "__spec__") if name in script}
     script["__spec__"] = None
@@ -52,7 +55,7 @@ def _without_script() -> Iterator[None]:
 
 @contextmanager
 def workers(count: int) -> Iterator[Workers]:
-    """`count` processes while the context lasts; with one, none."""
+    """Pool of `count` processes while the context lasts; for a count of one, this process."""
     if count <= 1:
         yield Workers(None)
         return

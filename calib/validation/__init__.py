@@ -1,1 +1,1 @@
-"""How well an arm predicts recordings, by torque and by simulated motion, and what improves on it."""
+"""How well an arm predicts recordings, in torque and in simulated motion, and what improves the prediction."""

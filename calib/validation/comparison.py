@@ -1,4 +1,4 @@
-"""Two runs side by side: which numbers moved by more than their uncertainty, and what became of the gap."""
+"""Comparison of two runs: which parameters changed by more than their uncertainty, and how the residual changed."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ RESULTS = ("diagnosis.json", "result.json")
 
 @dataclass(frozen=True)
 class Number:
-    """A parameter as one run found it; std is 0 where the run gave none."""
+    """A parameter as one run estimated it; std is 0 if the run gave none."""
 
     value: float
     std: float
@@ -26,7 +26,7 @@ class Number:
 
 @dataclass(frozen=True)
 class RunNumbers:
-    """What a run found: parameters by (name, joint), and RMS torque gap (n,) by joint, which compares with one of the same `kind`."""
+    """Results of a run: parameters by (name, joint), and residual RMS by joint, comparable for equal `kind` and `unit`."""
 
     run: Run
     numbers: dict[tuple[str, str], Number]
@@ -37,7 +37,7 @@ class RunNumbers:
 
 @dataclass(frozen=True)
 class Change:
-    """One parameter in both runs; `sigmas` is |b - a| / sqrt(std_a^2 + std_b^2), NaN where neither run gave a std."""
+    """One parameter in both runs; `sigmas` is |b - a| / sqrt(std_a^2 + std_b^2), NaN without a std or a second value."""
 
     name: str
     joint: str
@@ -53,7 +53,7 @@ class Change:
 
 
 def found(run: Run) -> RunNumbers:
-    """What a run of `identify` or `diagnose` found; ConfigError names the file that is missing or not what it should be."""
+    """Results of a run of `identify` or `diagnose`; ConfigError names the file that is missing or invalid."""
     file = next((run.folder / name for name in RESULTS if (run.folder / name).is_file()), None)
     if file is None:
         raise ConfigError(
@@ -69,14 +69,14 @@ def found(run: Run) -> RunNumbers:
 
 
 def compare(a: RunNumbers, b: RunNumbers) -> list[Change]:
-    """Every parameter of either run, the largest changes first; what only one run has comes last."""
+    """Every parameter of either run, largest changes first; those in only one run come last."""
     keys = list(dict.fromkeys([*a.numbers, *b.numbers]))
     changes = [Change(name, joint, a.numbers.get((name, joint)), b.numbers.get((name, joint))) for name, joint in keys]
     return sorted(changes, key=lambda c: (not c.sigmas >= 0, -c.sigmas if c.sigmas >= 0 else 0.0))
 
 
 def sentence(a: RunNumbers, b: RunNumbers, changes: list[Change]) -> str:
-    """The comparison in words; a parameter has changed if it differs by more than three standard deviations."""
+    """The comparison in one sentence; a parameter has changed if it differs by more than three standard deviations."""
     moved = [c for c in changes if c.sigmas > 3]
     both = [c for c in changes if c.a is not None and c.b is not None]
     shared = [j for j in a.gap if j in b.gap] if (a.unit, a.kind) == (b.unit, b.kind) else []
@@ -119,5 +119,5 @@ def _fit(run: Run, data: dict[str, Any]) -> RunNumbers:
 
 
 def _of_moving(joints: Sequence[str], left: Sequence[float | None]) -> dict[str, float]:
-    """The residual of the joints that moved; of the others none is known."""
+    """Residual by joint, of those that moved; it is unknown for the others."""
     return {joint: float(x) for joint, x in zip(joints, left, strict=True) if x is not None}

@@ -1,8 +1,8 @@
-"""How far the simulated arm moves from a recording: MuJoCo under the measured torque, over HORIZONS.
+"""Forward simulation error: how far MuJoCo under the measured torque departs from a recording, over HORIZONS.
 
-Windows start at the measured state. In the open loop MuJoCo gets the measured torque and nothing else, and the angles at the end are
-compared. Over the longest horizon an open loop falls away from any motion, whatever the model; there the loop is closed: a weak spring
-and damper (LOOP) pull every joint to the measured motion, and the angles along the window are compared.
+Windows start at the measured state. In open loop MuJoCo receives only the measured torque, and the angles at the end are
+compared. Over the longest horizon an open loop diverges from any motion, whatever the model, so the loop is closed: a weak
+spring and damper (LOOP) pull every joint to the measured motion, and the angles along the window are compared.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ LOOP = 2 * np.pi * 1.0  # rad/s, natural frequency of the closed loop
 DAMPING = 0.7
 MEMORY = 1.0  # s
 PARTS = 5
-MOST_UNSEEN = 0.01  # of a window: time that was lost although the stamps do not show it
+MOST_UNSEEN = 0.01  # share of a window: lost time that the stamps do not show
 
 
 @dataclass(frozen=True)
 class Horizon:
-    """seconds; whether the loop is closed; the most windows of a recording that are simulated."""
+    """Duration, seconds; whether the loop is closed; most windows of a recording that are simulated."""
 
     seconds: float
     closed: bool
@@ -38,11 +38,11 @@ class Horizon:
 
     @property
     def words(self) -> str:
-        """As tables name it."""
+        """Name in tables."""
         return f"{self.seconds:g} s, {'closed' if self.closed else 'open'} loop"
 
     def steps(self, m: Measurement) -> int:
-        """Samples of a window."""
+        """Samples per window."""
         return max(1, round(self.seconds * m.rate))
 
 
@@ -52,12 +52,12 @@ HORIZONS = (SHORT, Horizon(1.0, False, 20), Horizon(5.0, True, 6))
 
 @dataclass(frozen=True)
 class ForwardError:
-    """Over all windows of one horizon: RMS angle error (n,) rad and flange error m, and RMS travel (n,) rad; NaN without any window.
+    """RMS over the windows of one horizon: angle error (n,) rad, flange error m, travel (n,) rad; NaN without windows.
 
-    Infinite where the simulation is unstable, as it is with friction that drives a light joint.
+    The errors are infinite if the simulation is unstable, as with friction that drives a light joint.
 
-    starts: first samples of the windows; squares: the flange's mean squared error in each, m^2, in a closed loop
-    in each of PARTS of it.
+    starts: first sample of each window; squares: mean squared flange error, m^2, of each window, in closed loop of each of its
+    PARTS parts.
     """
 
     horizon: Horizon
@@ -68,7 +68,7 @@ class ForwardError:
     squares: np.ndarray
 
     def entry(self) -> dict[str, Any]:
-        """As validation.json has it."""
+        """Entry of validation.json."""
         return {
             "horizon_s": self.horizon.seconds,
             "loop": "closed" if self.horizon.closed else "open",
@@ -80,9 +80,10 @@ class ForwardError:
 
 
 def forward_error(arm: Arm, m: Measurement, horizon: Horizon = SHORT, loop: Arm | None = None) -> ForwardError:
-    """The error of an arm on one recording; loop: the arm whose inertia sets the closed loop, so that two arms are compared in one loop.
+    """Forward simulation error of an arm on one recording.
 
-    Windows begin where every joint moves: friction at rest holds any torque below its level, so a standing joint proves nothing.
+    loop: arm whose inertia sets the gains of the closed loop, so that two arms are compared in the same loop. Windows begin
+    where every joint moves: friction at rest holds any torque below its level, so a standing joint shows nothing.
     """
     steps, starts = horizon.steps(m), _starts(m, horizon)
     none = np.full(arm.n, np.nan)
@@ -99,7 +100,7 @@ def forward_error(arm: Arm, m: Measurement, horizon: Horizon = SHORT, loop: Arm 
             warming = None if m.warming is None else m.warming[k]
             plant.reset(tr.q[k], tr.dq[k], tr.q[_turned(m, k) : k], float(tr.t[k] - tr.t[0]), warming)
             for i in range(k, k + steps):
-                # the torque of the middle of the step stands for the step
+                # torque at the middle of the step
                 tau = 0.5 * (torque[i] + torque[i + 1])
                 plant.command(tr.q[i], tr.dq[i], tau, stiffness, damping)
                 plant.advance(1 / m.rate)
@@ -118,7 +119,7 @@ def forward_error(arm: Arm, m: Measurement, horizon: Horizon = SHORT, loop: Arm 
 
 
 def measured_torque(arm: Arm, m: Measurement) -> np.ndarray:
-    """(N, n) N m that the arm says was there when the sensor read m.tau: without its offset, gain and delay."""
+    """(N, n) N m: joint torque behind the reading m.tau, with the arm's torque offset, gain and delay removed."""
     offset = values_of(arm, "torque_offset", "offset")
     gain = values_of(arm, "torque_gain", "gain", 1.0)
     late = value_of(arm, "time_delay", None, "delay")
@@ -129,12 +130,12 @@ def measured_torque(arm: Arm, m: Measurement) -> np.ndarray:
 
 
 def _turned(m: Measurement, k: int) -> int:
-    """The sample from which dry friction has forgotten what was before: MEMORY s earlier, not beyond the stretch."""
+    """First sample of the history that still affects dry friction: MEMORY s before k, within the stretch."""
     return max(int(m.starts[np.searchsorted(m.starts, k, side="right") - 1]), k - round(MEMORY * m.rate))
 
 
 def _finite(x: float) -> float | None:
-    """A number that JSON can hold."""
+    """The number, or None if JSON cannot hold it."""
     return float(x) if np.isfinite(x) else None
 
 
@@ -148,10 +149,10 @@ def _starts(m: Measurement, horizon: Horizon) -> list[int]:
 
 
 def whole_windows(m: Measurement, horizon: Horizon) -> np.ndarray:
-    """First samples of all windows of readings without a gap; over a short one every joint moves all the time, over a longer one at its start."""
+    """First samples of all windows without a gap; all joints move throughout a short one, at the start of a longer one."""
     steps = horizon.steps(m)
     moving = np.asarray(m.usable.all(axis=1))
-    # a torque that was not read is held as zero
+    # a torque that was not read is stored as zero
     read = np.asarray(moving if horizon.seconds == SHORT.seconds else m.inside & (m.usable | (m.tau != 0.0)).all(axis=1))
     same = np.concatenate([np.diff(np.searchsorted(m.starts, np.arange(len(read)), side="right")) == 0, [False]])
     count = np.concatenate([[0], np.cumsum(read & same)])
@@ -163,7 +164,7 @@ def whole_windows(m: Measurement, horizon: Horizon) -> np.ndarray:
 
 
 def _spread(starts: Sequence[int] | np.ndarray, apart: int, most: int) -> list[int]:
-    """At most `most` of the starts, each at least `apart` from the one before, spread over all of them."""
+    """At most `most` of the starts, spread over all of them, each at least `apart` samples from the one before."""
     chosen: list[int] = []
     for k in starts:
         if not chosen or k - chosen[-1] >= apart:

@@ -1,7 +1,8 @@
-"""M de'' + D de' = -(Y dtheta + noise): how far a forward simulation may be off, from what is known of the arm and of its readings.
+"""M de'' + D de' = -(Y dtheta + noise): bound on the error of a forward simulation, from the uncertainty of arm and readings.
 
-M is the mass matrix with rotors and D the viscous friction where a window begins; dtheta has the covariance of the arm's numbers and the noise the
-power of the torque that they leave unexplained. Both are followed along the window to its end.
+M is the mass matrix, reflected inertia included, and D the viscous friction, both where a window begins. dtheta has the
+covariance of the arm's parameters, and noise the power of the torque that they leave unexplained. Both are propagated to the
+end of the window.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ STEPS = 25
 
 
 def forward_bound(arm: Arm, m: Measurement, starts: Sequence[int], steps: int, known: Known) -> np.ndarray:
-    """(n,) rad that 95 % of simulations of `steps` samples stay within, RMS over windows that begin at samples `starts`."""
+    """(n,) rad within which 95 % of simulations of `steps` samples stay, RMS over windows that begin at samples `starts`."""
     n, model = arm.n, TorqueModel.of_arm(arm)
     rotor = values_of(arm, "rotor_inertia", "inertia")
     viscous = values_of(arm, "viscous_friction", "viscous")

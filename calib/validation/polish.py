@@ -1,11 +1,11 @@
-"""M(q) e'' + D e' + K e = r - sum_k theta_k dr/dtheta_k: how far a simulated arm falls behind a recording, and what friction makes it less.
+"""M(q) e'' + D e' + K e = r + sum_k theta_k dr/dtheta_k: error of a simulated arm, and friction and offsets that reduce it.
 
-An arm identified by inverse dynamics has the least torque error; its motion is what one feels. Along the measured motion the error e of the
-simulated one obeys this equation to first order, with r the torque that the arm does not explain, D = dtau/d(dq) and K = dtau/dq. From rest
-at the start of many short windows (multiple shooting; H. G. Bock, 1983) the errors at their ends are linear in the corrections theta of dry
-friction, viscous friction and torque offset, which a ridge regression finds. How strong it is, and whether the corrections are accepted,
-is decided by MuJoCo: the whole arm simulated on recordings that took no part in the regression. Their error after the best of three ridges
-flatters a little; another recording is for `calib validate`.
+Identification by inverse dynamics minimises the torque error; a polish reduces the error of the motion. Along the measured
+motion the error e of the simulated one obeys this equation to first order, with the residual r, D = dtau/d(dq) and K = dtau/dq.
+Many short windows begin with e = e' = 0 (multiple shooting; H. G. Bock, 1983). The errors at their ends are linear in the
+corrections theta of dry friction, viscous friction and torque offset, which a ridge regression finds. MuJoCo decides the
+strength of the ridge, and whether the corrections are accepted: it simulates the whole arm on recordings that took no part in
+the regression. Their error after the best of three ridges is slightly optimistic; use another recording for `calib validate`.
 """
 
 from __future__ import annotations
@@ -30,13 +30,13 @@ from sim.trajectory import Trajectory
 
 HORIZON = HORIZONS[1]
 POLISHED = {"coulomb_friction": "coulomb", "viscous_friction": "viscous", "torque_offset": "offset"}
-# of a second: windows begin so often, where there are not too many of them
+# s between the starts of windows, or more so that there are about MOST at most
 APART, MOST = 0.1, 1000
-# rad and rad/s over which slopes are taken: over less, dry friction near a reversal would be a wall
+# rad and rad/s over which derivatives are taken: over less, dry friction near a reversal would be too steep
 STEP, SPEED_STEP = 1e-3, 2e-2
-# of the size of each correction's own effect: how strongly it is drawn towards nothing
+# strength with which each correction is drawn towards zero, relative to the size of its own effect
 RIDGES = (3.0, 1.0, 0.3)
-# the share of the error that must be gone at the least
+# least share of the error that the corrections must remove
 WORTH = 0.02
 
 Key = tuple[str, str]
@@ -44,7 +44,11 @@ Key = tuple[str, str]
 
 @dataclass(frozen=True)
 class Polished:
-    """arm, with its corrections theta (p,) of keys where they are accepted; angle before and after (n,) rad, RMS on the held-out motions."""
+    """Result of a polish.
+
+    arm: with the corrections if they are accepted; theta (p,): corrections of `keys`; before and after (n,) rad: RMS angle
+    error on the held-out recordings.
+    """
 
     arm: Arm
     accepted: bool
@@ -55,7 +59,7 @@ class Polished:
 
     @property
     def sentence(self) -> str:
-        """What came of it."""
+        """The result in one sentence."""
         before, after = (1e3 * float(np.sqrt(np.mean(x**2))) for x in (self.before, self.after))
         left = f"leave {after:.1f} mrad" if np.isfinite(after) else "make the simulation unstable"
         what = f"Simulated for {HORIZON.seconds:g} s under the measured torque, the arm ends"
@@ -79,14 +83,14 @@ class Polished:
 
 @dataclass(frozen=True)
 class Shots:
-    """Errors (W, n) rad at the ends of the windows of one recording, and their slopes (W, n, p) by the corrections."""
+    """Errors (W, n) rad at the ends of the windows of one recording, and their Jacobian (W, n, p) in the corrections."""
 
     errors: np.ndarray
     slopes: np.ndarray
 
 
 def shots_of(arm: Arm, m: Measurement, keys: Sequence[Key]) -> Shots:
-    """To first order along the measured motion."""
+    """Errors and derivatives to first order along the measured motion."""
     starts = whole_windows(m, HORIZON)
     starts = starts[:: max(round(APART * m.rate), len(starts) // MOST, 1)]
     still, tr, eye = moved_by(arm), m.trajectory, np.eye(arm.n)
@@ -105,7 +109,7 @@ def shots_of(arm: Arm, m: Measurement, keys: Sequence[Key]) -> Shots:
     force = np.zeros((*tr.q.shape, 1 + len(keys)))
     force[..., 0] = measured_torque(arm, m) - tau_hat
     for k, (effect, joint) in enumerate(keys, start=1):
-        if effect == "torque_offset":  # as `measured_torque` takes it off
+        if effect == "torque_offset":  # as `measured_torque` subtracts it
             force[:, arm.joint_names.index(joint), k] = -1.0 / value_of(arm, "torque_gain", joint, "gain", 1.0)
         else:
             step = 0.01 * max(abs(value_of(arm, effect, joint, POLISHED[effect])), 1e-3)
@@ -117,7 +121,10 @@ def shots_of(arm: Arm, m: Measurement, keys: Sequence[Key]) -> Shots:
 def _ends(
     starts: np.ndarray, steps: int, dt: float, mass: np.ndarray, damping: np.ndarray, stiff: np.ndarray, force: np.ndarray
 ) -> np.ndarray:
-    """(W, n, 1 + p) rad after each window under each force (N, n, 1 + p), by implicit Euler: dry friction makes the equation stiff."""
+    """(W, n, 1 + p) rad: errors at the ends of the windows under each force (N, n, 1 + p).
+
+    Implicit Euler, because dry friction makes the equation stiff.
+    """
     left = np.linalg.inv(mass + dt * damping + dt**2 * stiff)
     e = np.zeros((len(starts), *force.shape[1:]))
     v = np.zeros_like(e)
@@ -133,9 +140,9 @@ def polish(
     held: Sequence[Measurement],
     progress: Callable[[str, float], None] = lambda stage, share: None,
 ) -> Polished:
-    """Correct friction and offsets of an identified arm so that it moves as the recordings do, where it then moves as the held-out ones do.
+    """Correct friction and offsets of an identified arm to follow the recordings, if it then follows the held-out ones.
 
-    BadLog where no joint moves for long enough, or the simulated arm is not stable.
+    ConfigError if the arm has neither. BadLog if no window begins with every joint in motion, or the simulation is unstable.
     """
     keys = tuple((e, j) for e in POLISHED for j in arm.joint_names if arm.effect(e, j) is not None)
     if not keys:
@@ -148,7 +155,7 @@ def polish(
     if not sum(len(s.errors) for s in shots) or not np.isfinite(before).all():
         raise BadLog(
             f"{arm.name}: a polish needs {HORIZON.seconds:g} s in which every joint moves at first, in the recordings and in the held-out ones, "
-            "and an arm whose simulation is stable; record an excitation, or calib validate the arm first"
+            "and a stable simulation; record an excitation, or run calib validate on the arm first"
         )
     best, theta = np.full(arm.n, np.inf), np.zeros(len(keys))
     for k, ridge in enumerate(RIDGES):
@@ -164,7 +171,7 @@ def polish(
 
 
 def _simulated(arm: Arm, held: Sequence[Measurement]) -> np.ndarray:
-    """(n,) rad, RMS over the windows of all recordings; NaN without any, infinite where the simulation is unstable."""
+    """(n,) rad: RMS angle error over the windows of all recordings; NaN without windows, infinite if unstable."""
     found = [one for m in held if (one := forward_error(arm, m, HORIZON)).starts]
     if not found:
         return np.full(arm.n, np.nan)
@@ -172,7 +179,7 @@ def _simulated(arm: Arm, held: Sequence[Measurement]) -> np.ndarray:
 
 
 def _solved(shots: Sequence[Shots], ridge: float) -> np.ndarray:
-    """(p,) corrections of least squared error, each drawn towards 0 as strongly as its own effect on the errors asks for."""
+    """(p,) corrections by ridge regression, each column scaled by its RMS effect on the errors."""
     a = np.concatenate([s.slopes.reshape(-1, s.slopes.shape[2]) for s in shots])
     b = np.concatenate([s.errors.ravel() for s in shots])
     size = np.sqrt(np.mean(a**2, axis=0))

@@ -1,4 +1,4 @@
-"""`prediction.mcap`: a validated log for Foxglove, Rerun and PlotJuggler, with the moving arm and the torque that the model predicts."""
+"""`prediction.mcap`: a validated log for Foxglove, Rerun and PlotJuggler, with the moving arm and the predicted torque."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
-"""How well an arm follows a motion when its controller knows a model: the mock under computed torque, before and after calibration.
+"""How well an arm follows a motion under computed torque from a model: on the mock, before and after calibration.
 
-tau = tau_model(q_d, dq_d, ddq_d) + K_p (q_d - q) + K_d (dq_d - dq): the model's torque along the wanted motion, and a weak feedback that
-is the same for every model, of OMEGA rad/s by the mass that each joint carries. What the model lacks, the feedback has to supply, by an
-error that is in proportion (B. Siciliano et al., Robotics, 2009, section 8.5).
+tau = tau_model(q_d, dq_d, ddq_d) + K_p (q_d - q) + K_d (dq_d - dq): the model's torque along the desired motion, and weak
+feedback. The feedback is the same for every model: OMEGA rad/s, scaled by the inertia that each joint carries. It supplies the
+torque that the model does not, through a proportional error (B. Siciliano et al., Robotics, 2009, section 8.5).
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ DAMPING = 0.9
 
 @dataclass(frozen=True)
 class Tracking:
-    """error (n,) rad, RMS of the tracking error; feedback (n,) N m, RMS of the torque that the model did not supply; torque (n,) N m, of all.
+    """RMS of tracking error (n,) rad, of feedback (n,) N m, which the model did not supply, and of total torque (n,) N m.
 
     t (N,) s; errors (N, n) rad and supplied (N, n) N m: error and feedback along the motion.
     """
@@ -47,12 +47,12 @@ class Tracking:
 
     @property
     def rms(self) -> float:
-        """rad, over all joints."""
+        """RMS error over all joints, rad."""
         return float(np.sqrt(np.mean(self.error**2)))
 
 
 def tracked(truth: Arm, model: Arm, nominal: Arm, motion: Trajectory) -> Tracking:
-    """`truth` on the mock follows the motion with the torque of `model`; the gains are those of `nominal`. ValueError where it diverges."""
+    """`truth` on the mock follows the motion with the torque of `model` and gains of `nominal`; ValueError if it diverges."""
     plant = Plant(truth, drive=nominal)
     plant.reset(motion.q[0])
     supplied = predict(moved_by(model), motion)
@@ -74,5 +74,5 @@ def tracked(truth: Arm, model: Arm, nominal: Arm, motion: Trajectory) -> Trackin
 
 
 def moved_by(arm: Arm) -> Arm:
-    """The arm without what only its torque readings have: a gain or an offset of those moves nothing."""
+    """The arm without effects of the torque reading alone: their gain or offset moves nothing."""
     return replace(arm, effects=tuple(e for e in arm.effects if effect_named(e.effect).stage < Stage.SENSOR))

@@ -1,7 +1,7 @@
 """How well an arm predicts logs: torque along the measured motion, and motion under the measured torque.
 
-Torque: tau_hat = sim.prediction along the measured motion, filtered like the measured torque. Motion: calib.validation.forward over its horizons. How
-far the shortest may be off is stated beforehand (calib.validation.forward_bound), from what is known of the arm's numbers and nothing of this log's torque.
+Torque: sim.prediction along the measured motion, filtered like the measured torque. Motion: calib.validation.forward over its
+horizons. The bound on the shortest (calib.validation.forward_bound) uses the uncertainty of the arm and no torque of this log.
 """
 
 from __future__ import annotations
@@ -27,19 +27,19 @@ from logs.log import Log
 from sim.arm import Arm
 from sim.prediction import predict
 
-# s in motion, and rad (m): with less, a joint's torque may be anything within its dry friction
+# s in motion, and travel in rad (m): with less, a joint's torque may be anything within its dry friction
 LEAST_MOTION, LEAST_TRAVEL = 3.0, 0.01
-INFORMATIVE = 0.5  # of the travel: a larger bound would hold for almost any arm
+INFORMATIVE = 0.5  # share of the travel: a larger bound would hold for almost any arm
 Progress = Callable[[str, float], None]
 
 
 @dataclass(frozen=True)
 class LogCheck:
-    """One log: RMS torque residual per joint (n,) N m, filtered as the fit's rows are and unfiltered, over usable rows and samples; NaN
-    where a joint was in motion for less than LEAST_MOTION or LEAST_TRAVEL.
+    """Check of one log: RMS torque residual (n,) N m over usable rows, filtered as in a fit, and usable samples, unfiltered.
 
-    signal: standard deviation of the filtered torque; motion: the error of the simulated motion over each horizon, empty where it was not
-    requested; bound (n,) rad: of the shortest. t (N,) s, tau and tau_hat (N, n) N m: every sample that has derivatives.
+    Both are NaN for a joint that moved less than LEAST_MOTION or LEAST_TRAVEL. signal: standard deviation of the filtered
+    torque; motion: error over each horizon, empty if not requested; bound (n,) rad: of the shortest; tau_hat (N, n) N m: at
+    every sample.
     """
 
     log: str
@@ -54,24 +54,24 @@ class LogCheck:
 
     @property
     def short(self) -> ForwardError | None:
-        """The error over the shortest horizon; None where nothing was simulated."""
+        """The error over the shortest horizon; None if nothing was simulated."""
         return self.motion[0] if self.motion and self.motion[0].starts else None
 
     @property
     def within_bound(self) -> np.ndarray | None:
-        """(n,) whether the forward simulation stayed within its bound; None where there was none."""
+        """(n,) whether the forward simulation stayed within its bound; None if there is none."""
         return None if self.short is None or self.bound is None else self.short.angle <= self.bound
 
     @property
     def informative(self) -> np.ndarray:
-        """(n,) whether the bound is at most INFORMATIVE of what the joint really travelled."""
+        """(n,) whether the bound is at most INFORMATIVE of the joint's travel."""
         none = np.zeros(len(self.residual), dtype=bool)
         return none if self.bound is None or self.short is None else np.asarray(self.bound <= INFORMATIVE * self.short.travel)
 
 
 @dataclass(frozen=True)
 class Validation:
-    """The checks of several logs against one arm, the verdict joint by joint, and what is claimed; source: what the bounds rest on."""
+    """Checks of several logs against one arm, verdict per joint, and claims; source: what the bounds are based on."""
 
     arm: Arm
     checks: tuple[LogCheck, ...]
@@ -118,7 +118,7 @@ class Validation:
         }  # fmt: skip
 
     def write(self, folder: Path) -> None:
-        """validation.json, and prediction.csv of all logs one after another (column `log` where there are several)."""
+        """Write validation.json, and prediction.csv of all logs in sequence (column `log` if there are several)."""
         (folder / "validation.json").write_text(json.dumps(self.as_dict(), indent=1, allow_nan=False) + "\n", encoding="utf-8")
         several = len(self.checks) > 1
         with (folder / "prediction.csv").open("w", newline="", encoding="utf-8") as file:
@@ -143,9 +143,9 @@ def validate(
     progress: Progress = lambda stage, share: None,
     most: float | None = None,
 ) -> Validation:
-    """Predict every log with everything the arm has; BadLog and ConfigError for logs that cannot serve, or are not of this arm.
+    """Predict every log with everything the arm has; BadLog or ConfigError if a log is unusable or not of this arm.
 
-    most: the share of its torque's variation that every joint may leave; without it, the limits of `calib.verdict`.
+    most: share of its torque's variation that every joint may leave; by default the limits of `calib.verdict`.
     """
     progress("checking", 0.0)
     require(arm, logs)
@@ -165,7 +165,7 @@ def validate(
 def checked(
     arm: Arm, log: Log, known: Known | None, cutoff: float | None = None, progress: Callable[[str], None] = lambda stage: None
 ) -> LogCheck:
-    """What the arm predicts of one log; simulated forward where `known` is given. Which arm the log is of is not checked."""
+    """What the arm predicts of one log, with forward simulation if `known` is given; does not check that the log is its own."""
     progress("torque")
     m = prepare(log, arm, cutoff)
     tau_hat = predict(arm, m.trajectory)
@@ -185,7 +185,7 @@ def checked(
 
 
 def _moved(m: Measurement) -> np.ndarray:
-    """(n,) joints of which the torque can be compared."""
+    """(n,) whether a joint moved enough for its torque to be compared."""
     seconds = m.row_usable.sum(axis=0) / m.decimator.row_rate
     q = np.where(m.usable, m.trajectory.q, np.nan)
     travel = np.fmax.reduce(q, initial=-np.inf) - np.fmin.reduce(q, initial=np.inf)
@@ -205,7 +205,7 @@ def _std(x: np.ndarray, usable: np.ndarray) -> np.ndarray:
 
 
 def _assessed(arm: Arm, checks: Sequence[LogCheck], most: float | None) -> Assessment:
-    """All logs together: RMS over their rows."""
+    """Assessment of all logs together, from the RMS over their rows."""
     rows = np.array([c.rows for c in checks], dtype=float)
 
     def together(x: Sequence[np.ndarray]) -> np.ndarray:
@@ -218,7 +218,7 @@ def _assessed(arm: Arm, checks: Sequence[LogCheck], most: float | None) -> Asses
 
 
 def forward_claims(arm: Arm, checks: Sequence[LogCheck]) -> list[Claim]:
-    """How far the simulation is off, unless it is unstable, and whether the stated bounds were kept; a bound that says little is no bound."""
+    """Error of the simulation, or its instability, and whether the bounds were kept; a vague bound does not count as kept."""
     unstable = [c.log for c in checks if c.short is not None and c.short.starts and not np.isfinite(c.short.angle).all()]
     said = [Claim("unstable", {"horizon": SHORT.seconds, "logs": unstable})] if unstable else []
     rows: list[dict[str, Any]] = [

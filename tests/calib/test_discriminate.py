@@ -46,7 +46,7 @@ def test_no_motion_is_planned_for_effects_that_are_one_on_every_motion(ur5e: Arm
     room, pairs = Room(ur5e, open_cell(ur5e)), [(SPRING, ("torque_offset", ELBOW)), (OFFSET, ("torque_offset", ELBOW))]
     with pytest.raises(AnswerIsNo, match="separates torque offset at elbow_joint and torque offset at elbow_joint") as error:
         discriminating(room, pairs, Basis(5, 10.0), HOME, np.random.default_rng(3), 2)
-    assert "decide otherwise: static holds" in str(error.value)
+    assert "decide by other means: static holds" in str(error.value)
 
 
 def test_what_a_refit_can_imitate_is_not_counted(ur5e: Arm) -> None:

@@ -188,8 +188,8 @@ QUICKEST = replace(QUICK, tries=3)
 @pytest.mark.parametrize(
     ("change", "session", "words"),
     [
-        ({}, replace(QUICKEST, period=1.0), ["moves through", "jerk_max of 100 holds it in a period of 1 s", "--period of"]),
-        ({"dq_max": np.array([2.0, 2.0, 3.0, 3.0, 0.01, 3.0])}, QUICKEST, ["wrist_2_joint", "dq_max of 0.01 holds it", "--period of"]),
+        ({}, replace(QUICKEST, period=1.0), ["moves through", "jerk_max of 100 restricts it at a period of 1 s", "--period of"]),
+        ({"dq_max": np.array([2.0, 2.0, 3.0, 3.0, 0.01, 3.0])}, QUICKEST, ["wrist_2_joint", "dq_max of 0.01 restricts it", "--period of"]),
         ({"ddq_max": np.array([5.0, 0.003, 5.0, 5.0, 5.0, 5.0])}, QUICKEST, ["shoulder_lift_joint", "ddq_max of 0.003", "in arm.toml"]),
     ],
 )  # fmt: skip

@@ -61,7 +61,7 @@ def test_where_what_nobody_stated_takes_the_torque_the_sentence_names_it() -> No
     arm = replace(load_arm("ur10e"), tau_max=np.array([330.0, 330.0, 150.0, 56.0, 56.0, 0.2]))
     room = Room(silent(arm), open_cell(arm))
     with pytest.raises(
-        AnswerIsNo, match=r"wrist_3_joint may take \d+% .*Nobody stated dry friction .* of wrist_3_joint.*--drive"
+        AnswerIsNo, match=r"wrist_3_joint may take \d+% .*No values are stated for dry friction .* of wrist_3_joint.*--drive"
     ):
         home_of(room, room.cell, None, np.random.default_rng(0))
 
@@ -123,7 +123,7 @@ def test_where_the_assumed_plane_leaves_no_posture_the_sentence_asks_for_the_cel
     ball = Shape(1, "ball", "sphere", (0.5, 0.0, 0.0), np.eye(3), np.zeros(3))
     hanging = replace(arm, tree=replace(arm.tree, shapes=(*arm.tree.shapes, ball)))
     room = Room(hanging, open_cell(hanging))
-    with pytest.raises(AnswerIsNo, match=r"ball and mounting_plane .*say with --cell where the arm stands"):
+    with pytest.raises(AnswerIsNo, match=r"ball and mounting_plane .*state with --cell where the arm stands"):
         home_of(room, room.cell, None, np.random.default_rng(0))
 
 
@@ -229,7 +229,7 @@ def test_masses_that_no_motor_holds_ask_for_a_spring_which_takes_of_their_torque
     arm = replace(arm, tau_max=np.array([330.0, 60.0, 150.0, 56.0, 56.0, 56.0]))
     cell = open_cell(arm)
     with pytest.raises(
-        AnswerIsNo, match=r"take \S+ N m of shoulder_lift_joint in the median posture: .*`calib arm new --spring`"
+        AnswerIsNo, match=r"require \S+ N m of shoulder_lift_joint in the median posture: .*`calib arm new --spring`"
     ):
         home_of(Room(arm, cell), cell, None, np.random.default_rng(0))
     q = arm.q_min + (arm.q_max - arm.q_min) * np.random.default_rng(1).uniform(0.2, 0.8, (200, arm.n))
@@ -243,7 +243,7 @@ def test_a_sweep_that_torque_refuses_names_what_nobody_stated_of_the_drives() ->
     arm = load_arm("ur10e")
     room = Room(arm, open_cell(arm))
     weak = replace(arm, tau_max=1.05 * room.holding(HOME[None])[0] * arm.tau_max)
-    with pytest.raises(AnswerIsNo, match=r"to either side; the torque limit holds it: give another start with --home$"):
+    with pytest.raises(AnswerIsNo, match=r"to either side; the torque limit restricts it: give another start with --home$"):
         sweep_range(Room(weak, room.cell), HOME, 1, np.array([0.5]))
-    with pytest.raises(AnswerIsNo, match=r"Nobody stated .*reflected inertia of .*state them"):
+    with pytest.raises(AnswerIsNo, match=r"No values are stated for .*reflected inertia of .*state them"):
         sweep_range(Room(silent(weak), room.cell), HOME, 1, np.array([0.5]))

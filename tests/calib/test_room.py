@@ -99,8 +99,8 @@ def test_where_a_motion_comes_too_near_the_torque_that_keeps_it_there_is_named()
     home, basis = np.array([0.0, -1.9, 1.9, -1.4, -1.2, 0.3]), Basis(6, 20.0)
     known, unknown = (binding(Room(of, open_cell(of)), basis, home) for of in (arm, silent(arm)))
     assert "nearer to each other" in known
-    assert "Nobody stated" not in known
-    assert re.search(r"shoulder_lift_joint takes \d+% of its torque limit there.*Nobody stated", unknown)
+    assert "No values are stated for" not in known
+    assert re.search(r"shoulder_lift_joint takes \d+% of its torque limit there.*No values are stated for", unknown)
 
 
 def test_where_torque_holds_the_arm_in_few_postures_it_is_named_beside_what_is_near(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -108,11 +108,12 @@ def test_where_torque_holds_the_arm_in_few_postures_it_is_named_beside_what_is_n
     monkeypatch.setattr("calib.excitation.design.STRAINED", 2.0)
     home, basis = np.array([0.0, -1.9, 1.9, -1.4, -1.2, 0.3]), Basis(6, 20.0)
     room, known = Room(silent(arm), open_cell(arm)), Room(arm, open_cell(arm))
-    assert "Nobody stated" not in binding(room, basis, home)
+    assert "No values are stated for" not in binding(room, basis, home)
     for of in (room, known):
         monkeypatch.setattr(of, "holding", lambda q: np.where(np.arange(6) == 2, 1.0 + 0.1 * (q[:, :1] > -1.0), 0.3))
     assert re.search(
-        r"In [6-9]\d% of random postures .* elbow_joint's the most often.*Nobody stated.*--drive", binding(room, basis, home)
+        r"In [6-9]\d% of random postures .* most often that of elbow_joint.*No values are stated for.*--drive",
+        binding(room, basis, home),
     )
     assert "random postures" not in binding(known, basis, home)
 
@@ -129,7 +130,7 @@ def test_a_longer_period_is_advised_only_where_the_path_then_fits(name: str, hel
         cell = replace(cell, table=cell.table.model_copy(update={"motion": slow}))
     room = Room(arm, cell)
     sentence = binding(room, basis, home)
-    assert "a fifth of it takes" in sentence
+    assert "a fifth of the full amplitude takes" in sentence
     assert ("shoulder_lift_joint's torque limit" if name == "torque" else "the point speed limit") in sentence
     advised = re.search(r"--period \(about (\S+) s", sentence)
     assert (advised is not None) is helps
@@ -169,7 +170,7 @@ def test_a_joint_of_small_range_is_swept_through_less(monkeypatch: pytest.Monkey
     assert 0.02 < HOME[5] - low <= 0.05
     assert 0.02 < high - HOME[5] <= 0.05
     monkeypatch.setattr(room.nearness, "clearances", lambda q: (np.full((len(q), 1), -1.0), []))
-    with pytest.raises(AnswerIsNo, match=r"less than 0.021 rad to either side; a body near it holds it"):
+    with pytest.raises(AnswerIsNo, match=r"less than 0.021 rad to either side; a body near it restricts it"):
         sweep_range(room, HOME, 5, np.array([0.1]))
 
 
