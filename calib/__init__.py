@@ -1,8 +1,8 @@
-"""Make a simulated robot arm true: excite, record, identify, and name the physical effect that the model lacks.
+"""Make a simulated robot arm move like the real one: excite, record, identify, and find the effect that the model is missing.
 
     from calib import diagnose, identify, load_arm, read_log, validate
 
-What stands in __all__ is the public face: it changes only after a release that warned of it. Nothing is imported before it is used.
+The names in __all__ are the public API; they change only after a release that warns of it. Each is imported on first use.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from sim.errors import CalibError as CalibError
     from sim.trajectory import Trajectory as Trajectory
 
-# public name -> the module that has it
+# public name -> the module that provides it
 _FACE = {
     "Arm": "sim.arm",
     "CalibError": "sim.errors",
@@ -60,11 +60,11 @@ _BESIDE = ("safety", "drivers", "logs", "sim")
 
 
 class _OwnPackages:
-    """Finds this project's own packages beside calib, whatever folder of the same name stands beside the script that runs."""
+    """Import finder that takes this project's packages from beside calib, even if the script's folder has packages of the same names."""
 
     @staticmethod
     def find_spec(name: str, path: Any = None, target: Any = None) -> ModuleSpec | None:
-        """The spec of one of our own packages; nothing for any other."""
+        """The spec of one of this project's packages; None for any other name."""
         return PathFinder.find_spec(name, [str(_HOME)]) if path is None and name in _BESIDE else None
 
 
@@ -75,7 +75,7 @@ def _claim_own_packages() -> None:
             where = getattr(sys.modules[name], "__file__", None) or (list(found) if found else "")
             raise ImportError(
                 f"a module {name!r} of another program ({where}) was imported before calib, which has a package of that name; "
-                "import calib first, or give the other one another name"
+                "import calib first, or rename the other module"
             )
     if not any(finder is _OwnPackages for finder in sys.meta_path):
         sys.meta_path.insert(0, _OwnPackages)

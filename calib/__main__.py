@@ -1,4 +1,4 @@
-"""`python -m calib` is `calib`."""
+"""`python -m calib` runs `calib`."""
 
 import sys
 

@@ -1,7 +1,7 @@
-"""The whole story on the mock arm: an effect is drawn at random, hidden in the arm, and looked for with the ordinary commands.
+"""The demo on the mock arm: an effect is drawn at random, hidden in the arm, and searched for with the ordinary commands.
 
-The commands learn of the effect only what the recordings show: it stands in the [emulation] table of a cell file, which only the mock
-driver reads.
+The effect is in the [emulation] table of a cell file, which only the mock driver reads. The commands know only what the recordings
+show.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ from sim.effects import checked, effect_named, with_effect
 from sim.prediction import predict
 from sim.trajectory import Trajectory
 
-Draw = Callable[[np.random.Generator, Arm, int, float], dict[str, float]]  # of a joint, by its number, and its angle at home
-# of what `calib check` lets pass at rest: beyond it the story would end at its first step, with a forgotten tool suspected (and a much
-# stronger spring would end it at the third: the guard stops an arm whose torques are far from expectation)
+Draw = Callable[[np.random.Generator, Arm, int, float], dict[str, float]]  # (rng, arm, joint, angle at home) -> parameters
+# share of the tolerance of `calib check` at rest: above the tolerance the demo would end at step 1, where a forgotten tool is suspected
+# (a much stronger spring would end it at step 3: the guard stops an arm whose torques are far from those expected)
 UNSEEN_AT_REST = 0.8
 
 
 def _share_of_torque(parameter: str, least: float, most: float, **others: float) -> Draw:
-    """`least` to `most` of the joint's greatest torque."""
+    """Draw `parameter` between `least` and `most` times the joint's maximum torque."""
 
     def draw(rng: np.random.Generator, arm: Arm, joint: int, home: float) -> dict[str, float]:
         return {parameter: float(arm.tau_max[joint]) * rng.uniform(least, most), **others}
@@ -40,8 +40,8 @@ def _share_of_torque(parameter: str, least: float, most: float, **others: float)
     return draw
 
 
-# What may be hidden, and how large: clearly above the noise of a two-minute recording, and nothing that a refit of the ordinary
-# parameters takes up (friction, masses, rotors), as a newcomer's first case should be.
+# Effects that may be hidden, and their size. For an easy first case they are clearly above the noise of a two-minute recording, and no
+# refit of the ordinary parameters (friction, masses, reflected inertia) absorbs them.
 HIDDEN: dict[str, Draw] = {
     "payload": lambda rng, arm, joint, home: {
         "mass": rng.uniform(1.5, 3),
@@ -57,19 +57,19 @@ HIDDEN: dict[str, Draw] = {
     "torque_ripple": _share_of_torque("amplitude", 0.02, 0.04, cycles=10.0, phase=0.5),
     "torque_gain": lambda rng, arm, joint, home: {"gain": rng.uniform(1.1, 1.2)},
 }
-# Hz: half of what the arm can do halves the time of recording and diagnosis, and shows the same two minutes
+# Hz: half the arm's own rate, which halves the time for recording and diagnosing the same two minutes
 RATE = 250.0
 WHOLE_ARM = ("payload",)
 
 
 def hide(arm: Arm, home: np.ndarray, seed: int) -> ArmEffect:
-    """The effect that `seed` draws for an arm: which, at which joint, how large.
+    """Draw the effect to hide from `seed`: its name, joint and parameters.
 
-    It is drawn again while `calib check` would see it in the torques with which the arm stands at `home`, (n,) rad.
+    The parameters are drawn again while `calib check` would notice the effect in the torques at rest at `home`, (n,) rad.
     """
     rng = np.random.default_rng(seed)
     name = str(rng.choice(list(HIDDEN)))
-    joint = int(rng.integers(1, 4))  # they carry weight, without which a gain looks like friction
+    joint = int(rng.integers(1, 4))  # these joints carry weight; without it a gain looks like friction
     while True:
         parameters = {key: float(f"{value:.4g}") for key, value in HIDDEN[name](rng, arm, joint, home[joint]).items()}
         hidden = checked(arm, ArmEffect(name, None if name in WHOLE_ARM else arm.joint_names[joint], parameters))
@@ -78,7 +78,7 @@ def hide(arm: Arm, home: np.ndarray, seed: int) -> ArmEffect:
 
 
 def under_control(arm: Arm, hidden: ArmEffect, folder: Path, diagnosis: Mapping[str, Any]) -> dict[str, Tracking]:
-    """The arm with what is hidden follows the validation motion, its controller knowing the nominal arm, the calibrated one, or the truth."""
+    """Tracking of the validation motion by the arm with the hidden effect, for a controller with the nominal, calibrated or true model."""
     place = folder / "diagnosis" / str(diagnosis["arm_out"]) if diagnosis.get("arm_out") else folder / "fit" / "arm"
     truth = with_effect(arm, hidden)
     motion = next(m.trajectory for m in load_plan(folder / "plan").motions if m.name == "validation")
@@ -87,7 +87,7 @@ def under_control(arm: Arm, hidden: ArmEffect, folder: Path, diagnosis: Mapping[
 
 
 def torque_at_rest(arm: Arm, home: np.ndarray, hidden: ArmEffect) -> np.ndarray:
-    """tau(arm with `hidden`) - tau(arm) where it stands at `home`, (n,) N m."""
+    """tau(arm with `hidden`) - tau(arm) at rest at `home`, (n,) N m."""
     still = np.zeros((2, len(home)))
     motion = Trajectory(np.array([0.0, 1.0]), np.tile(home, (2, 1)), still, still)
     difference: np.ndarray = (predict(with_effect(arm, hidden), motion) - predict(arm, motion))[-1]
@@ -95,7 +95,7 @@ def torque_at_rest(arm: Arm, home: np.ndarray, hidden: ArmEffect) -> np.ndarray:
 
 
 def write_cell(file: Path, cell: Cell, hidden: ArmEffect, seed: int) -> None:
-    """`cell` with an effect hidden in its arm, as a cell file of its own, at `RATE` Hz."""
+    """Write `cell` with an effect hidden in its arm and a rate of `RATE` Hz as a cell file."""
     data = tomllib.loads(cell.path.read_text(encoding="utf-8"))
     effect: dict[str, Any] = {"effect": hidden.effect, "parameters": hidden.parameters}
     if hidden.joint is not None:
@@ -106,7 +106,7 @@ def write_cell(file: Path, cell: Cell, hidden: ArmEffect, seed: int) -> None:
 
 @dataclass(frozen=True)
 class DemoStep:
-    """One command of the story: why, its arguments, and the exit codes with which the story goes on."""
+    """One command of the demo: its reason, its arguments, and the exit codes after which the demo continues."""
 
     why: str
     arguments: tuple[str, ...]
@@ -114,14 +114,14 @@ class DemoStep:
 
 
 def story(arm: str, cell: Path, folder: Path) -> list[DemoStep]:
-    """The commands in their order; everything they write stands under `folder`."""
+    """The commands in order; everything that they write is below `folder`."""
     plan, logs, fit = str(folder / "plan"), folder / "logs", folder / "fit"
     recorded = [str(logs / "friction.mcap"), str(logs / "excitation.mcap")]
     held_out = str(logs / "validation.mcap")
     return [
-        DemoStep("Ask the arm before anything moves.", ("check", str(cell), "--seconds", "1")),
+        DemoStep("Check the arm before anything moves.", ("check", str(cell), "--seconds", "1")),
         DemoStep(
-            "Plan motions that show what the arm is.",
+            "Plan motions that excite all parameters of the arm.",
             ("plan", arm, "--cell", str(cell), "--quick", "--out", plan),
         ),
         DemoStep(
@@ -134,12 +134,12 @@ def story(arm: str, cell: Path, folder: Path) -> list[DemoStep]:
             (0, 1),
         ),
         DemoStep(
-            "Test the fitted arm on a motion that it has not seen, by torque and by forward simulation.",
+            "Test the fitted arm on a motion that the fit has not seen, by torque and by forward simulation.",
             ("validate", str(fit / "arm"), held_out, "--out", str(folder / "check")),
             (0, 1),
         ),
         DemoStep(
-            "Find what no ordinary parameter explains, and identify the effect.",
+            "Identify the effect behind what no ordinary parameter explains.",
             ("diagnose", arm, *recorded, "--holdout", held_out, "--out", str(folder / "diagnosis")),
             (0, 1),
         ),
@@ -148,7 +148,7 @@ def story(arm: str, cell: Path, folder: Path) -> list[DemoStep]:
 
 @dataclass(frozen=True)
 class Reveal:
-    """What was hidden beside what was found: rows of effect, joint, parameter, hidden, found, with units; None where one has it not."""
+    """Hidden and found effects. rows: effect, joint, parameter, hidden value, found value, with units; None for a missing value."""
 
     rows: list[list[Any]]
     right: bool
@@ -156,7 +156,7 @@ class Reveal:
 
 
 def reveal(hidden: ArmEffect, diagnosis: Mapping[str, Any]) -> Reveal:
-    """`hidden` beside the content of diagnosis.json."""
+    """Compare `hidden` with the content of diagnosis.json."""
     found = {(e["effect"], e["joint"]): e["parameters"] for e in diagnosis["effects"]}
     key = hidden.key
     units = {p.name: p.unit for p in effect_named(hidden.effect).parameters}
@@ -172,11 +172,11 @@ def reveal(hidden: ArmEffect, diagnosis: Mapping[str, Any]) -> Reveal:
     beside = f"{others} more {'effect that was' if others == 1 else 'effects that were'} not hidden"
     rivals = {(r["effect"], r["joint"]) for e in diagnosis["effects"] for r in e.get("indistinguishable_from") or ()}
     if key not in found and key in rivals:
-        sentence = "these recordings cannot distinguish what was hidden from what was identified; `calib plan --discriminate` plans a motion that can"
+        sentence = "these recordings cannot distinguish the hidden effect from the identified one; `calib plan --discriminate` plans a motion that can"
     elif key not in found:
-        sentence = "what was hidden was not found; the report says what speaks for each candidate"
+        sentence = "the hidden effect was not found; the report shows the evidence for each candidate"
     elif others:
-        sentence = f"what was hidden was found, and beside it {beside}"
+        sentence = f"the hidden effect was found, and also {beside}"
     else:
-        sentence = "what was hidden was found, and nothing else"
+        sentence = "the hidden effect was found, and nothing else"
     return Reveal(rows, key in found and not others, sentence)

@@ -1,4 +1,4 @@
-"""What the pages draw beside the numbers: curves of a log that was kept apart, candidates that came near, and the torque with and without each."""
+"""Data that the pages draw: curves of a held-out log, the best candidates, and the torque with and without each of them."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from sim.prediction import predict
 MOST_ROWS = 20_000
 MOST_CANDIDATES = 12
 MOST_OTHERS = 3
-MOST_SWITCHED = 8  # effects that the page switches on and off
+MOST_SWITCHED = 8  # effects that can be switched on and off on the page
 
 
 def of_check(check: LogCheck) -> dict[str, Any]:
-    """Rows of one validated log, filtered as a fit's rows are: `t` (N,) s; `tau`, `tau_hat`, `q`, `dq` (N, n)."""
+    """Rows of one validated log, filtered like the rows of a fit: `t` (N,) s; `tau`, `tau_hat`, `q`, `dq` (N, n)."""
     m, index = check.measurement, _shown(check)
     return {
         "log": check.log,
@@ -43,11 +43,11 @@ def _shown(check: LogCheck) -> np.ndarray:
 
 
 def of_diagnosis(arm: Arm, corrected: Arm, log: Log, found: Diagnosis, others: Sequence[Log] = ()) -> dict[str, Any]:
-    """What `calib.report.diagnosis.write` draws: the arm before and after on one log; the candidates.
+    """Data for `calib.report.diagnosis.write`: the arm before and after on one log, and the candidates.
 
-    `others` are further held-out logs, of which only torques are drawn. `switched` of each log are the effects that the page switches on and
-    off: `effect`, `joint`, `identified`, and `tau` (N, n), of the corrected arm without an identified effect, of the nominal arm with any
-    other. A log that was found to be bad gives none of it.
+    others: further held-out logs, drawn as torques only. `switched` of each log lists the effects that can be switched on the page:
+    `effect`, `joint`, `identified` and `tau` (N, n), which is of the corrected arm without an identified effect, or of the nominal arm
+    with any other effect. Empty for bad data.
     """
     if found.answer["verdict"] == "bad_data":
         return {}
@@ -66,9 +66,10 @@ def of_diagnosis(arm: Arm, corrected: Arm, log: Log, found: Diagnosis, others: S
 
 
 def _switched(arm: Arm, found: Diagnosis) -> list[tuple[str, str | None, bool, Arm]]:
-    """Effect, joint, whether it was identified, and the arm that shows it: corrected without it, or nominal with it.
+    """(effect, joint, whether it was identified, the arm that shows it: corrected without it, or nominal with it).
 
-    A contact is an event of one log and no property of an arm. Of the others, those that promised most at the first step of the search.
+    Contacts are left out: a contact is an event of one log, not a property of the arm. The effects that were not identified are the
+    most promising of the first step of the search.
     """
     change, keys = found.correction, {e.key for e in found.accepted if e.effect != CONTACT}
     out = []

@@ -1,4 +1,4 @@
-"""The first cell file for what was found: what is known is written, what only a person knows is marked with TODO."""
+"""The first cell file for what was found: known values are filled in, and those that only a person knows are marked TODO."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ name = "table"
 position = [0.0, 0.0, {height}]
 normal = [0.0, 0.0, 1.0]
 """
-# servoj is some 35 ms late at the driver's settings (drivers/ur_rtde/options.py), and a motion reaches some 0.7 rad/s
+# servoj lags by about 35 ms at the driver's settings (drivers/ur_rtde/options.py), and a motion reaches about 0.7 rad/s
 FOLLOWING = """[motion]
 following_error = 0.025
 
@@ -29,7 +29,7 @@ PAYLOAD = """# TODO declare the tool as it is set on the pendant, or leave this 
 
 
 def of_robot(name: str, robot: Robot, arm: str) -> str:
-    """The cell of a UR that answered, pinned to its serial number where it reported one."""
+    """The cell of a UR that answered, pinned to its serial number if it reported one."""
     options = {"host": robot.host} | ({"serial": robot.serial} if robot.serial else {})
     text = f"# Written by `calib init`: {robot.model or 'a robot'} with PolyScope {robot.polyscope} answered at {robot.host}.\n"
     text += tomli_w.dumps({"schema": "cell/1", "name": name, "arm": arm, "driver": "ur_rtde"})
@@ -38,7 +38,7 @@ def of_robot(name: str, robot: Robot, arm: str) -> str:
 
 
 def of_mock(name: str, arm: Arm, height: float) -> str:
-    """A cell in which an arm is simulated, standing on a plane at that height m."""
+    """A cell with a simulated arm and a plane at `height` m as its obstacle."""
     text = "# Written by `calib init`: a simulated arm, to try everything without hardware.\n"
     text += tomli_w.dumps({"schema": "cell/1", "name": name, "arm": arm.name, "driver": "mock"})
     return text + "\n" + OBSTACLES.format(height=height)

@@ -1,7 +1,7 @@
-"""The guided session: which command comes next, from what the session's folder holds.
+"""The guided session: the next command, derived from the content of the session's folder.
 
-A session is one folder with `session.toml`: the cell, the options, and every command that was run, with its outcome. Nothing else is
-remembered, so a session that was left, stopped or killed goes on where it was.
+A session is one folder with `session.toml`: the cell, the options, and every command that was run, with its outcome. There is no other
+state, so a session that was left, stopped or killed continues where it was.
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ HELD_OUT = "validation.mcap"
 
 
 def with_files(session: GuidedSession, cell_sha256: str, arm_sha256: str) -> GuidedSession:
-    """The session with its cell and its arm as their files are now (`files_of`): where one has changed, check and plan are done again.
+    """Return the session with the current hashes of its cell and arm (`files_of`); if one has changed, check and plan must be repeated.
 
-    ConfigError where something was recorded already: a session is of one cell and one arm.
+    ConfigError if recordings exist already: a session belongs to one cell and one arm.
     """
     changed = [f"the cell file of {session.cell}"] if session.cell_sha256 != cell_sha256 else []
     changed += [f"the arm {session.arm}"] if session.arm_sha256 != arm_sha256 else []
@@ -32,7 +32,7 @@ def with_files(session: GuidedSession, cell_sha256: str, arm_sha256: str) -> Gui
     what = " and ".join(changed)
     if session.finished("record"):
         raise ConfigError(
-            f"{session.folder}: {what} changed after the recordings were made; put back what it was, or begin a new session with --new"
+            f"{session.folder}: {what} changed after the recordings were made; restore the old version, or begin a new session with --new"
         )
     after = replace(session, cell_sha256=cell_sha256, arm_sha256=arm_sha256)
     for name in ("check", "plan"):
@@ -42,7 +42,7 @@ def with_files(session: GuidedSession, cell_sha256: str, arm_sha256: str) -> Gui
 
 
 def with_plans(session: GuidedSession) -> GuidedSession:
-    """The session as it is where a plan that is still to be driven has lost a file: it is made again."""
+    """Return the session; a plan that has lost a file before it was recorded must be made again."""
     for number in ("", *(f"-{k}" for k in range(2, session.rounds + 1))):
         made = session.finished(f"plan{number}")
         if made and not session.finished(f"record{number}") and (lost := _lost(session.folder / made.folder)):
@@ -51,45 +51,45 @@ def with_plans(session: GuidedSession) -> GuidedSession:
 
 
 def _lost(plan: Path) -> Path | None:
-    """A file that a plan needs and that is gone."""
+    """A file that the plan needs and that is missing; None if it is complete."""
     table = plan / "plan.toml"
     if not table.is_file():
         return table
     try:
         motions = tomllib.loads(table.read_text(encoding="utf-8"))["motions"]
         return next((file for m in motions if not (file := plan / f"{m['name']}.npy").is_file()), None)
-    except (OSError, ValueError, LookupError, TypeError):  # changed, and not lost: `calib record` refuses it
+    except (OSError, ValueError, LookupError, TypeError):  # edited, not missing: `calib record` refuses it
         return None
 
 
 def with_options(session: GuidedSession, quick: bool, rounds: int | None) -> GuidedSession:
-    """The session with what a later call asks of it: quick plans from here on, another number of rounds; as it is where it asks nothing.
+    """Return the session with the options of a later call: quick plans from now on, or another number of rounds.
 
-    ConfigError for fewer rounds than were diagnosed already. A session that was closed is open again where something changes.
+    ConfigError for fewer rounds than were already diagnosed. A closed session is reopened if an option changes.
     """
     if rounds is not None:
         begun = max(k for k in range(1, session.rounds + 1) if k == 1 or session.finished(f"diagnose-{k}"))
         if rounds < begun:
             raise ConfigError(
-                f"--rounds {rounds}: the session {session.folder} has its diagnosis of round {begun} already; give {begun} or more, leave "
-                "the option out, or begin another with --new"
+                f"--rounds {rounds}: the session {session.folder} already has the diagnosis of round {begun}; give {begun} or more, leave "
+                "the option out, or begin a new session with --new"
             )
     after = replace(session, quick=session.quick or quick, rounds=session.rounds if rounds is None else rounds)
     if after == session:
         return session
     after = replace(after, closed=False)
-    if after.rounds > session.rounds and after.finished("validate-corrected"):  # of an arm that another round may replace
+    if after.rounds > session.rounds and after.finished("validate-corrected"):  # another round may replace the validated arm
         after = after.undone("validate-corrected", "another round follows")
     return after
 
 
 def next_step(session: GuidedSession) -> GuidedStep | None:
-    """The command that comes next; None where nothing is left to do."""
+    """The next command; None if nothing is left to do."""
     quick = ("--quick",) if session.quick else ()
     steps = [
-        GuidedStep("check", "Ask the device before anything moves.", ("check", session.cell)),
+        GuidedStep("check", "Check the device before anything moves.", ("check", session.cell)),
         GuidedStep(
-            "plan", "Plan motions that show friction, masses and inertias; nothing moves yet.",
+            "plan", "Plan motions that excite friction, masses and inertias; nothing moves yet.",
             ("plan", session.arm, "--cell", session.cell, *quick), "plan",
         ),
     ]  # fmt: skip
@@ -97,7 +97,7 @@ def next_step(session: GuidedSession) -> GuidedStep | None:
         return found
     plan = _place(session, "plan")
     record = GuidedStep(
-        "record", f"Look at {plan / 'plan.html'} first. Then drive the plan, slowly first where an arm stands, and record it.",
+        "record", f"Look at {plan / 'plan.html'} first. Then run the plan, slowly first on a real arm, and record it.",
         ("record", session.cell, str(plan)), "logs",
     )  # fmt: skip
     if found := _pending(session, [record]):
@@ -121,13 +121,13 @@ def next_step(session: GuidedSession) -> GuidedStep | None:
 
 
 def _further(session: GuidedSession) -> GuidedStep | None:
-    """The steps of the next round, while the last diagnosis leaves effects that only another motion can distinguish."""
+    """The next step of a further round, while the last diagnosis leaves effects that only another motion can distinguish."""
     for number in range(2, session.rounds + 1):
         before = _place(session, "diagnose" if number == 2 else f"diagnose-{number - 1}")
         rivals = undecided(answer(before))
         plan, record, diagnose = (f"{name}-{number}" for name in ("plan", "record", "diagnose"))
         if not rivals or any(d.name == plan and d.exit_code == 1 for d in session.done):
-            return None  # settled, or no motion of this arm in this cell decides it
+            return None  # settled, or no motion of this arm in this cell can decide it
         quick = ("--quick",) if session.quick else ()
         step = GuidedStep(
             plan, f"Plan the motion that decides between {' and between '.join(rivals)}.",
@@ -147,7 +147,7 @@ def _further(session: GuidedSession) -> GuidedStep | None:
         logs, held = recordings(session, number)
         apart = ("--holdout", *map(str, held)) if held else ()
         step = GuidedStep(
-            diagnose, "Look again, with all recordings.", ("diagnose", session.arm, *map(str, logs), *apart), f"diagnosis-{number}"
+            diagnose, "Diagnose again, with all recordings.", ("diagnose", session.arm, *map(str, logs), *apart), f"diagnosis-{number}"
         )  # fmt: skip
         if found := _pending(session, [step]):
             return found
@@ -155,7 +155,7 @@ def _further(session: GuidedSession) -> GuidedStep | None:
 
 
 def _corrected(session: GuidedSession, logs: Sequence[Path]) -> GuidedStep | None:
-    """Validation of the arm that the diagnosis wrote, where it corrected one."""
+    """Validation of the corrected arm, if the diagnosis wrote one."""
     last = last_diagnosis(session)
     found = answer(last)
     if not is_corrected(found):
@@ -168,7 +168,7 @@ def _corrected(session: GuidedSession, logs: Sequence[Path]) -> GuidedStep | Non
 
 
 def _pending(session: GuidedSession, steps: Sequence[GuidedStep]) -> GuidedStep | None:
-    """The first step that has not ended well, with a folder of its own: what a failed try wrote stays."""
+    """The first step that has not succeeded, with a new folder, so that the files of a failed attempt stay."""
     for step in steps:
         if session.finished(step.name) is None:
             if not step.folder:
@@ -188,17 +188,17 @@ def _free(home: Path, folder: str) -> str:
 
 
 def _place(session: GuidedSession, name: str) -> Path:
-    """The folder of a step that has ended well."""
+    """The folder of a step that has succeeded."""
     done = session.finished(name)
     if done is None:
         raise ConfigError(
-            f"{session.folder / FILE}: the step {name!r} is missing before one that needs it; begin a new session"
+            f"{session.folder / FILE}: the step {name!r} is missing, and a later step needs it; begin a new session"
         )
     return session.folder / done.folder
 
 
 def recordings(session: GuidedSession, rounds: int = 1) -> tuple[list[Path], list[Path]]:
-    """The logs to fit and the logs held out, of the first `rounds` rounds."""
+    """The logs to fit and the held-out logs of the first `rounds` rounds."""
     names = ["record", *(f"record-{k}" for k in range(2, rounds + 1))]
     files = [file for name in names for file in sorted(_place(session, name).glob("*.mcap"))]
     held = [file for file in files if file.name == HELD_OUT]
@@ -206,13 +206,13 @@ def recordings(session: GuidedSession, rounds: int = 1) -> tuple[list[Path], lis
 
 
 def last_diagnosis(session: GuidedSession) -> Path:
-    """The folder of the newest diagnosis that has ended."""
+    """The folder of the newest finished diagnosis."""
     names = ["diagnose", *(f"diagnose-{k}" for k in range(2, session.rounds + 1))]
     return _place(session, next(name for name in reversed(names) if session.finished(name)))
 
 
 def ending(session: GuidedSession) -> list[str]:
-    """What the session found, what it could not decide, and what to do with it."""
+    """Sentences: what the session found, what it could not decide, and which arm to use."""
     last = last_diagnosis(session)
     found = answer(last)
     done = next(d for d in reversed(session.done) if d.name.startswith("diagnose"))
@@ -222,13 +222,13 @@ def ending(session: GuidedSession) -> list[str]:
     if found.get("verdict") == "unexplained":
         joints = ", ".join(str(u.get("joint")) for u in found.get("unexplained", []))
         sentences.append(
-            f"not decided: what causes the remaining residual at {joints}; no effect of the catalogue fits, and another motion of the same "
+            f"not decided: the cause of the remaining residual at {joints}; no effect of the catalogue fits it, and another motion of the same "
             "kind will not show more. Compare with recordings of an arm of the same type, or of the warm joint"
         )
     elif doubtful(found):
         sentences.append(
             f"not decided: what is missing from the model of {session.arm}, which does not agree with the recordings. Look at the curves in "
-            f"{last / 'report.html'}, and record the motion again before the arm is used"
+            f"{last / 'report.html'}, and record the motion again before using the arm"
         )
     sentences.append(f"the arm to use: {best_arm(session)}")
     return sentences

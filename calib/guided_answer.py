@@ -1,4 +1,4 @@
-"""The answer of a diagnosis as a guided session goes by it: what was found, what is undecided, and where the arm is."""
+"""The answer of a diagnosis as a guided session uses it: what was found, what is undecided, and where the arm is."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from calib.claims.of_diagnosis import disagrees
 from sim.errors import ConfigError
 
 FILE = "diagnosis.json"
-REMEDY = "the session cannot go on with it: restore the file, or begin a new session with --new"
+REMEDY = "the session cannot continue with it: restore the file, or begin a new session with --new"
 
 
 def answer(folder: Path) -> dict[str, Any]:
-    """The content of diagnosis.json, in which whatever a session reads is of its type; ConfigError names the first field that is not."""
+    """The content of diagnosis.json; ConfigError names the first field with a wrong type among those that a session reads."""
     file = folder / FILE
     try:
         found = json.loads(file.read_text(encoding="utf-8"))
@@ -29,7 +29,7 @@ def answer(folder: Path) -> dict[str, Any]:
 
 
 def doubtful(found: dict[str, Any]) -> bool:
-    """Whether the model does not agree with the recordings, or the file, which somebody changed, no longer says."""
+    """Whether the model disagrees with the recordings, or the file was edited so that this cannot be determined."""
     try:
         return disagrees(found)
     except (KeyError, TypeError, ValueError, IndexError, AttributeError):
@@ -67,7 +67,7 @@ def _faults(found: Any) -> Iterator[str]:
 
 
 def _not_effects(entries: Any, where: str) -> Iterator[str]:
-    """Why the entries are not effects with the joint of each."""
+    """Faults of entries that should be effects, each with its joint."""
     yield from _not_tables(entries, where)
     for k, entry in enumerate(entries or []):
         if not isinstance(entry.get("effect"), str):

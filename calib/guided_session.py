@@ -1,4 +1,4 @@
-"""A guided session as its folder has it: session.toml with the cell, the options, and every command that was run."""
+"""A guided session as stored in its folder: session.toml with the cell, the options, and every command that was run."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ from sim.resources import nearest
 from sim.strict import Name, StrictTable, validated
 
 FILE = "session.toml"
-NOT_VALID = -1  # exit code of a step that has to be done again though it ended well
+NOT_VALID = -1  # exit code of a step that succeeded but must be repeated
 
 
 @dataclass(frozen=True)
 class GuidedStep:
     """One command of the session: its name, why it comes now, and its arguments.
 
-    folder is where it writes, relative to the session's; question is put to the operator before a step that needs consent.
+    folder: where it writes, relative to the session's folder. question: asked before a step that needs the operator's consent.
     """
 
     name: str
@@ -40,7 +40,7 @@ class GuidedStep:
 
     @property
     def fine(self) -> tuple[int, ...]:
-        """The exit codes with which the session goes on."""
+        """The exit codes after which the session continues."""
         return _fine(self.name)
 
 
@@ -71,7 +71,7 @@ class SessionTable(StrictTable):
 
 @dataclass(frozen=True)
 class GuidedSession:
-    """A session as its folder has it; `cell` is the word with which commands are given it."""
+    """A session as stored in its folder; cell: the name or file with which it is passed to commands."""
 
     folder: Path
     cell: str
@@ -84,17 +84,17 @@ class GuidedSession:
     done: tuple[DoneTable, ...] = field(default=())
 
     def finished(self, name: str) -> DoneTable | None:
-        """The last run of a step, where it ended well; None where it did not, or there was none."""
+        """The last run of a step if it succeeded; None if it failed or never ran."""
         last = next((d for d in reversed(self.done) if d.name == name), None)
         return last if last is not None and last.exit_code in _fine(name) else None
 
     @property
     def commands(self) -> tuple[DoneTable, ...]:
-        """The commands that were run, whether or not what they did still holds."""
+        """The commands that were run, including those whose result is no longer valid."""
         return tuple(d for d in self.done if d.exit_code != NOT_VALID)
 
     def undone(self, name: str, why: str) -> GuidedSession:
-        """The session in which a step has to be done again, and with it what follows from it."""
+        """The session with a step marked to be repeated, and the reason."""
         return self.with_done(GuidedStep(name, "", ()), "", NOT_VALID, why, 0.0)
 
     def with_done(self, step: GuidedStep, folder: str, code: int, sentence: str, seconds: float) -> GuidedSession:
@@ -105,25 +105,25 @@ class GuidedSession:
         return replace(self, done=(*self.done, entry))
 
     def write(self) -> None:
-        """Write session.toml; what stood there stays until the new one is whole."""
+        """Write session.toml; the old file stays until the new one is complete."""
         data: dict[str, Any] = {k: v for k, v in asdict(self).items() if k not in ("folder", "done")}
         data = {"schema": "session/1", **data, "done": [d.model_dump() for d in self.done]}
         write_whole(self.folder / FILE, tomli_w.dumps(data))
 
 
 def _fine(name: str) -> tuple[int, ...]:
-    """Exit code 1 of these commands is an answer: effects were identified, a bound was exceeded."""
+    """Exit codes of success; 1 of identify, validate and diagnose is an answer, such as an effect found or a limit exceeded."""
     return (0, 1) if name.split("-")[0] in ("identify", "validate", "diagnose") else (0,)
 
 
 def files_of(cell: Cell, arm: Arm) -> tuple[str, str]:
-    """SHA-256 of the cell's files and of the arm's, meshes included, as a session keeps them."""
+    """SHA-256 of the cell's files and of the arm's files, meshes included, as stored in a session."""
     now = hashes_of(arm, cell)
     return str(now.cell), hashlib.sha256(f"{arm.sha256} {now.model}".encode()).hexdigest()
 
 
 def read_session(folder: Path) -> GuidedSession:
-    """The session of a folder; ConfigError where it is none."""
+    """Read the session of a folder; ConfigError if it has none."""
     file = folder / FILE
     if not file.is_file():
         known = [str(run.folder) for run in runs_and_faults()[0] if run.verb == "go"]
@@ -134,20 +134,20 @@ def read_session(folder: Path) -> GuidedSession:
 
 
 def open_session(cell: Path, configs: Path | None = None) -> GuidedSession | None:
-    """The newest session of this cell file that has not been closed."""
+    """The newest open session of this cell file; None if there is none."""
     for run in list_runs():
         if run.verb == "go" and (run.folder / FILE).is_file():
             try:
                 found = read_session(run.folder)
             except ConfigError as error:
-                console.warn(f"{' '.join(str(error).split())}; this session is passed over")
+                console.warn(f"{' '.join(str(error).split())}; this session is skipped")
                 continue
-            with suppress(ConfigError):  # a cell file that is gone is another one
+            with suppress(ConfigError):  # a session whose cell file is missing is of another cell
                 if not found.closed and is_of(found, cell, configs):
                     return found
     return None
 
 
 def is_of(session: GuidedSession, cell: Path, configs: Path | None = None) -> bool:
-    """Whether a session was begun with this cell file; ConfigError where its own is gone."""
+    """Whether a session was begun with this cell file; ConfigError if its own file is missing."""
     return load_cell(session.cell, configs).path.resolve() == cell.resolve()

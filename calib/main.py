@@ -27,11 +27,11 @@ COMMANDS = (
     "export", "import", "replay", "report", "runs", "effects", "emulate", "capture", "arm", "servo", "help",
 )  # fmt: skip
 
-# Matrices here are small: a BLAS with many threads spends two thirds of its processor time waiting for itself.
+# the matrices here are small: a multithreaded BLAS spends two thirds of its processor time waiting
 ONE_THREAD = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 HELP = {"help_option_names": ["-h", "--help"]}
 MOST_HINTS = 3
-# what the system says of a file or its disk, which the operator can do something about; any other OSError is a fault of the program
+# errors of a file or its disk that the operator can resolve; any other OSError is a fault of the program
 OF_FILES = {
     errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES, errno.EPERM, errno.EIO, errno.ENOENT, errno.ENOTDIR, errno.EISDIR,
     errno.ENAMETOOLONG,
@@ -39,7 +39,7 @@ OF_FILES = {
 
 
 def module_of(name: str) -> str:
-    """The module of a command: of its name, with _ behind a word that Python keeps for itself."""
+    """The module of a command; a name that is a Python keyword gets a trailing _."""
     return f"calib.commands.{name}{'_' * iskeyword(name)}"
 
 
@@ -59,7 +59,7 @@ class Commands(Group):
             single.command(name)(module.command)
         command = get_command(single)
         command.name = name
-        # an example is copied from the screen: it must not be wrapped
+        # examples are copied from the screen, so they must not be wrapped
         command.help = (command.help or "").replace("\n\n    calib ", "\n\n\b\n    calib ")
         lists, parse = getattr(module, "LIST_OPTIONS", ()), command.parse_args
         setattr(command, "parse_args", lambda ctx, args: parse(ctx, spread(args, lists)))  # noqa: B010
@@ -68,17 +68,17 @@ class Commands(Group):
     def invoke(self, ctx: Any) -> Any:
         try:
             return super().invoke(ctx)
-        except KeyboardInterrupt:  # Typer would end with a bare exit code, and nobody would say why
+        except KeyboardInterrupt:  # Typer would exit with a bare exit code and no reason
             raise typer.Abort from None
-        except BrokenPipeError:  # of standard error; Typer would end the program, and the run would have no end
-            conclude("the reader of what is printed went away")
+        except BrokenPipeError:  # of standard error; Typer would exit, and the run would have no recorded end
+            conclude("the reader of the output has gone")
             raise typer.Exit(answer.GONE) from None
 
 
 def spread(arguments: list[str], lists: tuple[str, ...]) -> list[str]:
     """`--holdout a b c` as `--holdout a --holdout b --holdout c`, for the options named in `lists`.
 
-    ConfigError for one without a word: an empty shell variable must not drop the option.
+    ConfigError for an option without a value: an empty shell variable must not drop the option.
     """
     out: list[str] = []
     option, bare = "", ""
@@ -98,7 +98,7 @@ app = typer.Typer(
     name="calib",
     cls=Commands,
     help="Make a simulated robot arm move like the real one: record, identify, validate, and find the physical effect that the model is missing.",
-    epilog="Every command has --help with an example, and --quiet, with which it prints only warnings and errors. `calib help` shows a cheat "
+    epilog="Every command has --help with an example, and --quiet, which prints only warnings and errors. `calib help` shows a cheat "
     "sheet. NO_COLOR is respected. Exit codes: 0 done, 1 the answer is no, 2 usage, configuration or data, "
     "3 safety stop, 4 device, 70 a fault of the program.",
     rich_markup_mode=None,
@@ -116,16 +116,16 @@ def _version(wanted: bool) -> None:
 @app.callback()
 def _program(
     version: Annotated[
-        bool, typer.Option("--version", callback=_version, is_eager=True, help="Say the version and exit.")
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and exit.")
     ] = False,
 ) -> None:
     pass
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run the program; an error is printed as its sentence, written into the run's folder, and becomes the exit code."""
+    """Run the program and return its exit code; an error is printed as a sentence and written into the run's folder."""
     if arguments is None:
-        os.environ.setdefault("PYTHONWARNINGS", "ignore")  # of processes that are started from here
+        os.environ.setdefault("PYTHONWARNINGS", "ignore")  # for child processes
         for name in ONE_THREAD:  # read once, when NumPy is imported
             os.environ.setdefault(name, "1")
         announce(console.warn)
@@ -135,7 +135,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def start(arguments: list[str]) -> tuple[int, str]:
-    """`main`, and the sentence that says how it ended or what it found."""
+    """Like `main`; return the exit code and the sentence with the outcome."""
     outer = INVOCATION.get()
     invocation = Invocation(arguments, is_step=outer is not None and bool(outer.folders))
     token = INVOCATION.set(invocation)
@@ -147,7 +147,7 @@ def start(arguments: list[str]) -> tuple[int, str]:
         for folder in invocation.folders:
             try:
                 end_run(folder, code, sentence)
-            except OSError as error:  # the disk on which the run was written may be what failed
+            except OSError as error:  # the disk with the run may be what failed
                 console.warn(_of_file(error))
             except CalibError as error:
                 console.warn(str(error))
@@ -160,7 +160,7 @@ def start(arguments: list[str]) -> tuple[int, str]:
 
 
 def _quiet(arguments: list[str]) -> tuple[list[str], bool]:
-    """The arguments without --quiet, which every command takes, wherever it stands before a `--`."""
+    """The arguments without --quiet, which is accepted anywhere before a `--`, and whether it was given."""
     end = arguments.index("--") if "--" in arguments else len(arguments)
     kept = [word for word in arguments[:end] if word not in ("-q", "--quiet")]
     return [*kept, *arguments[end:]], len(kept) < end
@@ -189,8 +189,8 @@ def _run(arguments: list[str], invocation: Invocation) -> tuple[int, str]:
         message = "interrupted; nothing more was done"
         if invocation.folders:
             folder = invocation.folders[0]
-            message += f"; what was begun stands in {folder}"
-            message += "" if invocation.is_step else f", and the same again is `calib runs {folder} --again`"
+            message += f"; what was begun is in {folder}"
+            message += "" if invocation.is_step else f"; repeat it with `calib runs {folder} --again`"
         console.warn(message)
         return 130, "interrupted by the operator"
     except Exception as error:
@@ -198,13 +198,13 @@ def _run(arguments: list[str], invocation: Invocation) -> tuple[int, str]:
 
 
 def _answered(code: int, invocation: Invocation) -> int:
-    """`code`, or that of an answer which nobody got; a code of a failure stays."""
+    """`code`, or the exit code for an answer that could not be printed; the code of a failure stays."""
     lost = answer.lost()
     if lost is None or code > 1:
         return code
-    if isinstance(lost, BrokenPipeError):  # whoever read the answer had enough, as `| head` has
+    if isinstance(lost, BrokenPipeError):  # the reader stopped reading, as `| head` does
         return answer.GONE
-    stands = f"; the result stands in {invocation.folders[0]}" if invocation.folders else ""
+    stands = f"; the result is in {invocation.folders[0]}" if invocation.folders else ""
     console.warn(f"standard output cannot be written: {lost.strerror or lost}{stands}")
     return 2
 
@@ -216,14 +216,14 @@ def _unexpected(error: Exception, arguments: list[str], invocation: Invocation) 
 
 
 def _of_file(error: OSError) -> str:
-    """A file that the system refuses, with what may be done about it."""
+    """The message for a file that the system refuses, with the remedy."""
     return (
-        f"{error.filename or 'the disk'}: {error.strerror}; give a place that exists and may be written, with room on its disk"
+        f"{error.filename or 'the disk'}: {error.strerror}; give a path that exists and is writable, on a disk with free space"
     )
 
 
 def _usage(error: typer.TyperException, arguments: list[str]) -> str:
-    """A usage error in the program's own voice: what is wrong, the nearest right word, where the help is."""
+    """A usage error as one sentence: what is wrong, the nearest valid word, and where the help is."""
     message = error.format_message().rstrip(".")
     context = getattr(error, "ctx", None)
     path = context.command_path if context else "calib"

@@ -1,4 +1,4 @@
-"""What an exported model needs beyond plain MuJoCo: friction that follows load or warmth, powers of the speed, contacts, and readings.
+"""Effects of an exported model beyond plain MuJoCo: friction that depends on load or temperature, powers of speed, contacts, readings.
 
     import calib.mujoco
     model = calib.mujoco.load("exported/ur10e.xml")   # or an arm: "ur10e", "runs/real/arm"
@@ -6,10 +6,10 @@
     mujoco.mj_step(model, data)                       # with every effect of the arm
     calib.mujoco.read(model, data).tau                # as the drives report it
 
-The law of an effect stands in its file of the catalogue; here it is applied at the present instant, as MuJoCo's passive force. The
-callback is one for the process, acts on models that `calib export` wrote, and leaves every other model, and a callback that was
-there before, as they are. While it is set MuJoCo itself compiles no other model (google-deepmind/mujoco#1376): compile them before,
-or `with calib.mujoco.paused():`. `mujoco.batch` and MJX run no callbacks: there a model has its native elements only.
+The law of an effect is defined in its file of the catalogue; here it is evaluated at the current instant, as MuJoCo's passive force.
+There is one callback per process. It acts only on models that `calib export` wrote, and a callback that was set before keeps running.
+While it is set, MuJoCo compiles no other model (google-deepmind/mujoco#1376): compile it before, or in `with calib.mujoco.paused():`.
+`mujoco.batch` and MJX run no callbacks: there a model has only its native elements.
 """
 
 from __future__ import annotations
@@ -33,9 +33,9 @@ Passive = Callable[[mujoco.MjModel, mujoco.MjData], None]
 
 
 def load(arm: str | Path, configs: Path | None = None) -> mujoco.MjModel:
-    """The MuJoCo model of an exported .xml file, or of an arm (a name, a folder), with the callback in place.
+    """The MuJoCo model of an exported .xml file, or of an arm (a name, a folder), with the callback installed.
 
-    ConfigError where the file was not written by `calib export`.
+    ConfigError if the file was not written by `calib export`.
     """
     path = Path(arm)
     if path.suffix == ".xml":
@@ -45,23 +45,23 @@ def load(arm: str | Path, configs: Path | None = None) -> mujoco.MjModel:
         found = load_arm(arm, configs)
         model = compiled(exported_model(found).text, found.model_path.parent, found.name)
     if not ExportedArm.all_of(model):
-        raise ConfigError(f"{path}: has no <custom> text {TABLE}, so no effects are known of it; write it with `calib export`")
+        raise ConfigError(f"{path}: has no <custom> text {TABLE}, so its effects are unknown; write it with `calib export`")
     install()
     return model
 
 
 def install() -> None:
-    """Set MuJoCo's passive-force callback; a callback that is there already keeps running before it."""
+    """Set MuJoCo's passive-force callback; a callback that is already set keeps running before it."""
     before = mujoco.get_mjcb_passive()
     if not isinstance(before, _Callback):
         mujoco.set_mjcb_passive(_Callback(before))
 
 
 def read(model: mujoco.MjModel, data: mujoco.MjData, arm: str | None = None) -> Reading:
-    """The state as encoders and drives would report it; torque as of the last evaluation, which mj_step made at the step's begin.
+    """The state as encoders and drives would report it; torque of the last evaluation, which mj_step makes at the start of a step.
 
-    arm: the prefix (or suffix) with which it was attached, where a model has several. ConfigError where there is none such, or the step is so
-    short that the delay of the torque channel is longer than the sensors' memory.
+    arm: the prefix (or suffix) with which it was attached, if a model has several. ConfigError if there is no such arm, or if the step is
+    so short that the delay of the torque channel exceeds the sensors' buffer.
     """
     arms = ExportedArm.all_of(model)
     if not arms:
@@ -75,14 +75,14 @@ def read(model: mujoco.MjModel, data: mujoco.MjData, arm: str | None = None) -> 
     one = arms[next(iter(arms)) if arm is None else arm]
     if model.opt.timestep < (1 - 1e-9) * one.least_step:
         raise ConfigError(
-            f"the step of {model.opt.timestep:g} s is too short for the delay of the torque readings: the model keeps enough for steps of "
-            f"{one.least_step:g} s and more; raise nsample of its sensors"
+            f"the step of {model.opt.timestep:g} s is too short for the delay of the torque readings: the model buffers enough for steps of "
+            f"{one.least_step:g} s or more; raise nsample of its sensors"
         )
     return one.reading(data)
 
 
 class _Callback:
-    """MuJoCo's passive-force callback: first the one that was there, then the effects of the model, where it has any."""
+    """MuJoCo's passive-force callback: first the one that was set before, then the effects of the model, if any."""
 
     def __init__(self, before: Passive | None) -> None:
         self.before = before

@@ -14,7 +14,7 @@ from sim.errors import ConfigError
 
 
 def named(arm: str) -> str:
-    """`arm`, or the folder that `latest` stands for, which is reported: the newest arm may be another than the operator thinks of."""
+    """`arm`, or the folder of `latest`; it is printed, because the operator may expect a different arm."""
     if arm != LATEST or Path(arm).exists():
         return arm
     folder = latest_arm()
@@ -23,11 +23,11 @@ def named(arm: str) -> str:
 
 
 def latest_arm() -> Path:
-    """The arm folder of the newest run of identify, polish or a diagnose that corrected its arm, or of the newest guided session that is complete."""
+    """The newest arm folder of identify, polish, a diagnose that corrected its arm, or a complete guided session; ConfigError without one."""
     found = next((arm for arm in map(_arm_of, list_runs()) if arm is not None and arm.is_dir()), None)
     if found is None:
         raise ConfigError(
-            f"{LATEST}: no run of calib identify, calib polish or calib go, nor a calib diagnose that corrected its arm, is in {RUNS}/; name an arm folder"
+            f"{LATEST}: {RUNS}/ has no arm of calib identify, calib polish, a complete calib go, or a calib diagnose that corrected its arm; name an arm folder"
         )
     return found
 
@@ -35,7 +35,7 @@ def latest_arm() -> Path:
 def _arm_of(run: Run) -> Path | None:
     if run.verb in ("identify", "polish"):
         return run.folder / "arm"
-    with contextlib.suppress(ConfigError):  # what cannot be read is none
+    with contextlib.suppress(ConfigError):  # a run that cannot be read has no arm
         if run.verb == "diagnose":
             return run.folder / "arm" if is_corrected(answer(run.folder)) else None
         if run.verb == "go":

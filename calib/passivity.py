@@ -1,4 +1,4 @@
-"""The claim that an arm's friction drives a joint at speeds that were recorded: its readings are not the torque of the joint."""
+"""The claim that an arm's friction drives a joint at recorded speeds: the readings are then not the torque of the joint."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from sim.passivity import driving_friction
 
 
 def driving_joints(arm: Arm, measurements: Sequence[Measurement], residual: np.ndarray) -> list[dict[str, Any]]:
-    """The joints that friction drives with more torque than the residual RMS (n,) N m that the arm leaves: joint, torque N m, speed rad/s."""
+    """Joints that friction drives with more torque than the arm's residual RMS (n,) N m: joint, torque N m, speed rad/s."""
     return [asdict(found) for found in driving_friction(arm, fastest(measurements), np.nan_to_num(residual))]
 
 
 def driving_claims(arm: Arm, measurements: Sequence[Measurement], residual: np.ndarray) -> list[Claim]:
-    """These joints as a claim; none where there is no such joint."""
+    """The driving joints as a claim; empty if there are none."""
     joints = driving_joints(arm, measurements, residual)
     return [Claim("driving", {"joints": joints})] if joints else []
 
 
 def fastest(measurements: Sequence[Measurement]) -> np.ndarray:
-    """(n,) rad/s: the highest speed of every joint in rows that count."""
+    """Highest speed of each joint in usable rows, (n,) rad/s."""
     return np.asarray(np.max([np.abs(np.where(m.usable, m.trajectory.dq, 0.0)).max(axis=0) for m in measurements], axis=0))

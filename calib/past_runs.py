@@ -1,4 +1,4 @@
-"""The runs that there are: each as its run.toml states it."""
+"""The runs on disk, each as its run.toml describes it."""
 
 from __future__ import annotations
 
@@ -19,7 +19,10 @@ RUNS = Path("runs")
 
 @dataclass(frozen=True)
 class Run:
-    """A run as its run.toml states it; `exit_code` is None for one that has not ended, `killed` where its program is gone too: killed, or unable to write."""
+    """A run as its run.toml describes it.
+
+    exit_code: None without a recorded end. killed: there is no end and the program is gone, so it was killed or could not write.
+    """
 
     folder: Path
     verb: str
@@ -36,7 +39,7 @@ LATEST = "latest"
 
 
 def latest(verb: str | None = None, root: Path | None = None) -> Run:
-    """The newest run, of one verb if given, that did not fail; ConfigError where there is none."""
+    """The newest run, of one verb if given, that did not fail; ConfigError if there is none."""
     root = RUNS if root is None else root
     found = next((r for r in list_runs(root) if (verb is None or r.verb == verb) and r.exit_code in (0, 1)), None)
     if found is None:
@@ -45,7 +48,7 @@ def latest(verb: str | None = None, root: Path | None = None) -> Run:
 
 
 def newest(verb: str) -> Run:
-    """The newest run of a verb, however it ended; ConfigError where there is none."""
+    """The newest run of a verb, however it ended; ConfigError if there is none."""
     found = next((run for run in list_runs() if run.verb == verb), None)
     if found is None:
         raise ConfigError(f"{LATEST}: there is no run of calib {verb} in {RUNS}/; name a folder")
@@ -53,7 +56,7 @@ def newest(verb: str) -> Run:
 
 
 def read_run(reference: str | Path, root: Path = RUNS) -> Run:
-    """A run from its folder, from the name or a unique part of the name of a folder under `root`, or the `latest`."""
+    """The run of a folder, of a name or unique part of a name of a folder under `root`, or of `latest`."""
     folder = Path(reference)
     if str(reference) == LATEST and not folder.exists():
         return latest(root=root)
@@ -71,7 +74,7 @@ def read_run(reference: str | Path, root: Path = RUNS) -> Run:
         words = [data["started"], data["directory"], *arguments, end.get("sentence", "")]
         sound = isinstance(arguments, list) and all(isinstance(word, str) for word in words)
         if not (sound and is_name(data["verb"]) and is_name(data["arm"]) and isinstance(end.get("exit_code"), int | None)):
-            raise TypeError("verb and arm are names, started, directory, arguments and sentence words, exit_code a number")
+            raise TypeError("verb and arm must be names, started, directory, arguments and sentence text, exit_code a number")
     except KeyError as error:
         raise ConfigError(f"{file}: not a run's file ({error} is missing); delete the folder or restore the file") from error
     except (ConfigError, TypeError, AttributeError) as error:
@@ -84,7 +87,7 @@ def read_run(reference: str | Path, root: Path = RUNS) -> Run:
 
 
 def _remains(folder: Path) -> str:
-    """What a run without a record of its end left behind, as a sentence."""
+    """What a run without a recorded end left behind, as a sentence."""
     from logs.recover import describe
 
     recordings = [file for file in sorted(folder.glob("*.mcap")) if file.is_file()]
@@ -95,7 +98,7 @@ def _remains(folder: Path) -> str:
 
 
 def list_runs(root: Path = RUNS) -> list[Run]:
-    """The runs under `root` that can be read, newest first; what is wrong with the others goes to standard error."""
+    """The runs under `root` that can be read, newest first; the faults of the others go to standard error."""
     runs, faults = runs_and_faults(root)
     for fault in faults:
         console.warn(" ".join(str(fault).split()))
@@ -103,7 +106,7 @@ def list_runs(root: Path = RUNS) -> list[Run]:
 
 
 def runs_and_faults(root: Path = RUNS) -> tuple[list[Run], list[ConfigError]]:
-    """The runs under `root` that can be read, newest first, and what is wrong with the others."""
+    """The runs under `root` that can be read, newest first, and the faults of the others."""
     runs: list[Run] = []
     faults: list[ConfigError] = []
     for folder in _folders(root):
@@ -116,5 +119,5 @@ def runs_and_faults(root: Path = RUNS) -> tuple[list[Run], list[ConfigError]]:
 
 def _folders(root: Path) -> list[Path]:
     if root.exists() and not root.is_dir():
-        raise ConfigError(f"{root}: is not a folder; run folders are below one, give it with --runs")
+        raise ConfigError(f"{root}: is not a folder; give the folder that holds the runs with --runs")
     return sorted(f.parent for f in root.glob(f"*/{FILE}"))

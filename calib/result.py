@@ -1,4 +1,4 @@
-"""What a fit says: numbers with their uncertainty, what they were worth, and one sentence."""
+"""The result of a fit: estimates with their uncertainty, the residual, and the outcome as a sentence."""
 
 from __future__ import annotations
 
@@ -33,11 +33,11 @@ class Conditioning(enum.Enum):
 
 @dataclass(frozen=True)
 class Estimate:
-    """One parameter: value and standard deviation in `unit`, bounds, and where its value comes from.
+    """One parameter: value and standard deviation in `unit`, bounds, and the origin of its value.
 
-    identifiable: the data say more than the prior did, or fix it well; at_bound: the value is one of its bounds.
-    data_share: 1 - (std / prior std)^2, the part of the knowledge that came from the data; 1 where there was no prior.
-    written: what the arm folder holds; prior_std: how far the arm's file says that its own value may be off.
+    identifiable: the data determine it better than the prior, or determine it well. at_bound: the value is one of its bounds.
+    data_share: 1 - (std / prior std)^2, the share of the information that comes from the data; 1 without a prior.
+    written: the value in the arm folder. prior_std: the tolerance of the nominal value that the arm's file states.
     """
 
     name: str
@@ -56,17 +56,17 @@ class Estimate:
 
     @property
     def out_of_bounds(self) -> bool:
-        """Whether the data alone put it where no arm is; then it is no estimate."""
+        """Whether the data alone put the value out of bounds, where no arm can be; it is then not an estimate."""
         return not self.lower <= self.value <= self.upper
 
 
 @dataclass(frozen=True)
 class Gap:
-    """Torque residual of one log or of several together, RMS per joint: N m, and A where a torque constant is known.
+    """RMS torque residual per joint of one log, or of several together, in N m, and in A if the torque constant is known.
 
-    before: the nominal arm; after: the fitted one; sliding: the fitted one without the rows about a change of direction, where a joint that
-    sticks may hold any torque within its dry friction; signal: standard deviation of the torque itself; rows: filtered rows used.
-    noise: standard deviation between the periods of a motion that repeats itself, which no model can explain; None where none did.
+    before: nominal arm. after: fitted arm. sliding: fitted arm without the rows around a change of direction, where a sticking joint can
+    hold any torque within its dry friction. signal: standard deviation of the torque. rows: filtered rows used.
+    noise: standard deviation between the periods of a repeated motion, which no model can explain; None without such a motion.
     """
 
     logs: tuple[str, ...]
@@ -84,10 +84,11 @@ class Gap:
 class FitResult:
     """Estimates, their covariance (in the order of `estimates`), the residual before and after, and the outcome as a sentence.
 
-    condition: of the base regressor in raw SI units; condition_scaled: of all columns, each divided by its norm.
+    condition: condition number of the base regressor in raw SI units. condition_scaled: of all columns, each divided by its norm.
     findings: sentences about the data and the fit that a reader should know. excluded: (log, joint, reason, seconds).
-    load: what the logs recorded with a load say of it, where there were any. advice: (motion, parameters that it would make known).
-    verdict: of the fitted arm on the held-out logs, or else on the training logs; assessment: that joint by joint; claims: what `outcome` says.
+    load: the estimate of the load, if logs were recorded with one. advice: (motion, parameters that it would make identifiable).
+    verdict: on the fitted arm, from the held-out logs or else the training logs. assessment: the same joint by joint.
+    claims: the content of `outcome`.
     """
 
     arm: str
@@ -111,14 +112,14 @@ class FitResult:
     claims: tuple[Claim, ...] = ()
 
     def estimate(self, name: str) -> Estimate:
-        """The estimate of that name, base or full; KeyError where there is none."""
+        """The estimate of that name, base or full; KeyError if there is none."""
         for e in (*self.estimates, *self.full):
             if e.name == name:
                 return e
         raise KeyError(name)
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain numbers, lists and words, for JSON; not-finite bounds become null."""
+        """Plain numbers, lists and strings for JSON; non-finite bounds become null."""
         table = _plain(asdict(self))
         del table["assessment"]
         return {
@@ -127,7 +128,7 @@ class FitResult:
         }  # fmt: skip
 
     def write(self, path: Path) -> None:
-        """`result.json`."""
+        """Write result.json to `path`."""
         path.write_text(json.dumps(self.as_dict(), indent=1) + "\n", encoding="utf-8")
 
 

@@ -1,7 +1,7 @@
-"""Every run has a folder, and every folder says in run.toml what was requested, of which version, about which files, and how it ended.
+"""Every run has a folder with a run.toml that states what was requested, the version, the files, and how the run ended.
 
 run.toml, schema "run/1": verb, arm and cell with their SHA-256, the command line, where and when it was started, the version,
-and, once it has ended, `[end]` with the exit code and the sentence. A run's file is locked while its program lives.
+and, once it has ended, `[end]` with the exit code and the sentence. The file is locked while its program runs.
 """
 
 from __future__ import annotations
@@ -27,14 +27,14 @@ if TYPE_CHECKING:
     from sim.arm import Arm
     from sim.cell import Cell
 
-SIMULATED = ("mock", "replay")  # drivers with a plant of their own: nothing that two programs could both move
+SIMULATED = ("mock", "replay")  # drivers that simulate their own arm, so that no device is shared between programs
 
 
 @dataclass
 class Invocation:
-    """One start of the program: its arguments, the run folders that it made, what it found, and the files that it has locked.
+    """One invocation of the program: its arguments, the run folders that it created, its outcome, and the files that it has locked.
 
-    is_step: it is one of several commands of another run, which says how that run goes on.
+    is_step: it is a command of another run, which itself states how it can be continued.
     """
 
     arguments: list[str]
@@ -50,12 +50,11 @@ INVOCATION: ContextVar[Invocation | None] = ContextVar("invocation", default=Non
 def new_run(
     arm: Arm | str, verb: str, out: Path | None = None, cell: Cell | None = None, continues: bool = False, **extra: Any
 ) -> Path:  # fmt: skip
-    """runs/<utc>-<arm>-<verb>/, or `out`, with run.toml in it; `extra` is written as it is.
+    """Create runs/<utc>-<arm>-<verb>/, or `out`, with a run.toml; `extra` is added to it unchanged.
 
-    Call it when the inputs have been read: a command that was given a wrong name makes no folder. ConfigError where `out` is a run
-    already, or holds other files: results never overwrite anything. A run that was refused and wrote nothing gives its folder to the
-    corrected command, and with `continues` an ended run of the same verb goes on in its own; how it began and ended before stays in
-    run-1.toml, run-2.toml, ...
+    Call it after the inputs have been read, so that a command with a wrong name creates no folder. ConfigError if `out` is already a run
+    or holds other files: results never overwrite anything. A folder of a refused run that wrote nothing may be used again. With
+    `continues`, an ended run of the same verb continues in its folder. The earlier records are kept as run-1.toml, run-2.toml, ...
     """
     name = arm if isinstance(arm, str) else arm.name
     if not is_name(name):
@@ -81,7 +80,7 @@ def new_run(
     text = tomli_w.dumps(data | extra)
     folder = _fresh(now, name, verb) if out is None else _own(out, verb if continues else None)
     try:
-        stream = (folder / FILE).open("xb")  # whoever makes the file has the folder
+        stream = (folder / FILE).open("xb")  # whoever creates the file owns the folder
     except FileExistsError:
         raise _taken(folder) from None
     stream.write(text.encode())
@@ -96,29 +95,29 @@ def new_run(
 
 
 def lock_cell(cell: Cell) -> None:
-    """Keep other starts of the program from this cell until this one ends; DeviceError where another has it. A mock is not locked."""
+    """Lock a cell until this invocation ends; DeviceError if another one holds it. SIMULATED drivers are not locked."""
     invocation = INVOCATION.get()
     if invocation and cell.table.driver not in SIMULATED:
         invocation.locks.append(lock_device(str(cell.path.resolve())))
 
 
 def login_name(given: str | None = None) -> str:
-    """The operator's name as it was given, otherwise that of the login; ConfigError where the system knows none, as in a container."""
+    """The given operator's name, or the login name; ConfigError if the system has none, as in a container."""
     try:
         return given or getpass.getuser()
     except (KeyError, OSError):
-        raise ConfigError("who are you? the system has no name for this user; give --operator NAME") from None
+        raise ConfigError("the operator is unknown: the system has no name for this user; give --operator NAME") from None
 
 
 def conclude(sentence: str) -> None:
-    """Say what this start of the program found; `calib runs` shows it beside the run."""
+    """Set the outcome of this invocation; `calib runs` shows it with the run."""
     invocation = INVOCATION.get()
     if invocation:
         invocation.outcome = sentence
 
 
 def end_run(folder: Path, exit_code: int, sentence: str) -> None:
-    """Write how a run ended into its run.toml, once."""
+    """Write into run.toml how a run ended."""
     file = folder / FILE
     data = read_toml(file)
     ended = datetime.now(UTC).isoformat(timespec="seconds")
@@ -127,7 +126,7 @@ def end_run(folder: Path, exit_code: int, sentence: str) -> None:
 
 
 def free_folder(folder: Path) -> Path:
-    """`folder`, or the first of folder-2, folder-3, ... that is not there yet."""
+    """`folder`, or the first of folder-2, folder-3, ... that does not exist yet."""
     candidates = [folder, *(folder.with_name(f"{folder.name}-{k}") for k in range(2, 1000))]
     return next((f for f in candidates if not f.exists()), folder)
 
@@ -145,7 +144,7 @@ def _fresh(now: datetime, name: str, verb: str) -> Path:
 
 
 def require_free(out: Path | None) -> None:
-    """ConfigError where `new_run` would refuse `out`: before anything long is read or computed."""
+    """ConfigError if `new_run` would refuse `out`; call it before anything slow is read or computed."""
     if out is not None:
         _require_place(out, None)
 
@@ -159,7 +158,7 @@ def _own(out: Path, continues: str | None) -> Path:
 
 
 def _require_place(out: Path, continues: str | None) -> bool:
-    """Whether `out` holds an ended run that may go on; ConfigError where it is neither that nor a place for a new run."""
+    """Whether `out` holds a run whose folder may be used again; ConfigError if it holds anything else."""
     if out.exists() and not out.is_dir():
         raise ConfigError(f"--out {out}: is a file; name a new folder")
     if (out / FILE).exists():
@@ -167,21 +166,21 @@ def _require_place(out: Path, continues: str | None) -> bool:
         if not (run.verb == continues or _was_refused(run)) or is_locked(out / FILE):
             raise _taken(out)
         return True
-    # a *.log is the caller's record of the call, often begun before it: nothing here writes or overwrites one
+    # a *.log is the caller's own record of the call, often opened before it; nothing here writes or overwrites one
     if out.is_dir() and any(f.suffix != ".log" for f in out.iterdir()):
         raise ConfigError(
-            f"--out {out}: holds files that are not those of a run; name a new folder, so that nothing is overwritten"
+            f"--out {out}: holds files that do not belong to a run; name a new folder, so that nothing is overwritten"
         )
     return False
 
 
 def _was_refused(run: Run) -> bool:
-    """Whether the run ended as one of wrong usage, configuration or data and wrote nothing beside its own record."""
+    """Whether the run ended with a usage, configuration or data error and wrote nothing but its own record."""
     written = [f.name for f in run.folder.iterdir() if f.suffix != ".log" and not re.fullmatch(r"run(-\d+)?\.toml", f.name)]
     return run.exit_code == CalibError.exit_code and not written
 
 
 def _taken(folder: Path) -> ConfigError:
     return ConfigError(
-        f"--out {folder}: is a run already, and a run is never overwritten; name a new folder, such as {free_folder(folder)}"
+        f"--out {folder}: is already a run, and runs are never overwritten; name a new folder, such as {free_folder(folder)}"
     )

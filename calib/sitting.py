@@ -19,10 +19,10 @@ from sim.cell import Cell, load_arm_of, require_postures
 
 
 def plan(arm: Arm, cell: Cell | None = None, session: Session | None = None, *, folder: str | Path) -> Plan:
-    """Motions for one sitting, every one proved, written to the new `folder`.
+    """Plan the motions of one session, verify each, and write them to the new `folder`.
 
-    Without a cell the arm stands on a plane and nothing else. AnswerIsNo says which limit binds where no motion fits; ConfigError and
-    SafetyStop as `calib plan`.
+    Without a cell the only obstacle is the plane on which the arm stands. AnswerIsNo states the binding limit if no motion fits;
+    ConfigError and SafetyStop as in `calib plan`.
     """
     if cell is not None:
         require_postures(cell, arm)
@@ -31,10 +31,10 @@ def plan(arm: Arm, cell: Cell | None = None, session: Session | None = None, *, 
 
 
 def record(plan: Plan, cell: Cell, *, folder: str | Path, operator: str = "", configs: Path | None = None) -> RunResult:
-    """Drive the motions of a plan in a cell and record one log a motion in the new `folder`, slowly first.
+    """Run the motions of a plan in a cell, slowly first, and record one log per motion in the new `folder`.
 
-    A simulated cell needs no person. For every other the plan must have been approved by one with `calib record`: SafetyStop where it
-    was not, where the approval is for something else, or where a motion is refused.
+    A simulated cell needs no person. For any other cell a person must have approved the plan with `calib record`: SafetyStop without an
+    approval, if it is for something else, or if a motion is refused.
     """
     arm = load_arm_of(cell, configs)
     check_plan(plan, arm, cell)

@@ -1,8 +1,8 @@
-"""Is a model good for an arm? Its residual RMS over the torque's standard deviation, joint by joint, against stated limits.
+"""Whether a model is good for an arm: residual RMS over the torque's standard deviation, joint by joint, against stated limits.
 
-good       every joint at most GOOD_SHARE, or a residual of at most SMALL of its largest torque
-poor       some joint more
-wrong arm  at least half of the joints more than WRONG_SHARE, and than SMALL: their mean torque alone would predict better
+good       every joint at most GOOD_SHARE, or a residual of at most SMALL times its maximum torque
+poor       some joint above that
+wrong arm  at least half of the joints above both WRONG_SHARE and SMALL: their mean torque alone would predict better
 """
 
 from __future__ import annotations
@@ -28,14 +28,14 @@ class Verdict(enum.Enum):
 
     @property
     def exit_code(self) -> int:
-        """0 good, 1 the answer is no, 2 the data or the arm cannot serve."""
+        """0 good, 1 the answer is no, 2 the data or the arm cannot be used."""
         return {Verdict.GOOD: 0, Verdict.POOR: 1}.get(self, 2)
 
 
 @dataclass(frozen=True)
 class Assessment:
-    """left (n,) residual over signal, NaN where a joint did not move; limit (n,) of it, and share, what was required of every joint;
-    wrong (n,) of it, from which the arm or its model is another one."""
+    """left (n,): residual over signal, NaN if a joint did not move. limit (n,): its limit. share: the limit required of every joint.
+    wrong (n,): the value of left above which the arm or the model is the wrong one."""
 
     joint_names: tuple[str, ...]
     left: np.ndarray
@@ -45,7 +45,7 @@ class Assessment:
 
     @property
     def verdicts(self) -> tuple[Verdict, ...]:
-        """Of every joint."""
+        """The verdict on every joint."""
         return tuple(
             Verdict.NOTHING if np.isnan(x) else Verdict.WRONG_ARM if x > max(wrong, limit)
             else Verdict.POOR if x > limit else Verdict.GOOD
@@ -54,7 +54,7 @@ class Assessment:
 
     @property
     def verdict(self) -> Verdict:
-        """Of all joints together."""
+        """The verdict on all joints together."""
         decided = [v for v in self.verdicts if v is not Verdict.NOTHING]
         if not decided:
             return Verdict.NOTHING
@@ -64,12 +64,12 @@ class Assessment:
 
     @property
     def uncompared(self) -> list[str]:
-        """Joints that the verdict is silent about: they do not move, or have no torque to compare with."""
+        """Joints without a verdict: they do not move, or have no torque to compare with."""
         return [j for j, v in zip(self.joint_names, self.verdicts, strict=True) if v is Verdict.NOTHING]
 
     @property
     def worst(self) -> int | None:
-        """The joint that is farthest beyond its limit, or nearest to it; None where nothing was compared."""
+        """Index of the joint with the largest left / limit; None if nothing was compared."""
         with np.errstate(invalid="ignore", divide="ignore"):
             over = self.left / self.limit
         return None if np.isnan(over).all() else int(np.nanargmax(over))
@@ -104,7 +104,7 @@ class Assessment:
 def assess(
     joint_names: tuple[str, ...], residual: np.ndarray, signal: np.ndarray, tau_max: np.ndarray, most: float | None = None
 ) -> Assessment:  # fmt: skip
-    """residual, signal, tau_max (n,) N m; with `most`, every joint may leave that share and no more, however small its torque."""
+    """Assess a residual; residual, signal, tau_max (n,) N m. With `most`, that share is the limit of every joint, however small its torque."""
     with np.errstate(invalid="ignore", divide="ignore"):
         left = np.where(signal > 0, residual / signal, np.nan)
         small = SMALL * np.where(np.isfinite(tau_max), tau_max, 0.0) / np.where(signal > 0, signal, np.nan)

@@ -1,6 +1,6 @@
-"""A conclusion is a claim: its name, its numbers, and the sentence made of them. Tests check each kind of claim against what was written.
+"""A claim is one conclusion: its name, its numbers, and the sentence made from them. Tests check each kind against the written results.
 
-One entry of SENTENCES is one kind of claim; identify, validate, plan and diagnose state their conclusions in no other way.
+Each entry of SENTENCES is one kind of claim; identify, validate, plan and diagnose state all their conclusions as claims.
 """
 
 from calib.claims.claim import Claim, capital, in_one_sentence

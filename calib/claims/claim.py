@@ -12,7 +12,7 @@ from calib.claims.sentences import SENTENCES
 
 @dataclass(frozen=True)
 class Claim:
-    """name: a key of SENTENCES, or `sentence` raises KeyError; numbers: plain values in SI units, which the JSON holds beside the sentence."""
+    """name: a key of SENTENCES, or `sentence` raises KeyError; numbers: plain values in SI units, which the JSON holds with the sentence."""
 
     name: str
     numbers: Mapping[str, Any]

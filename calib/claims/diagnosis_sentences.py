@@ -9,16 +9,16 @@ from calib.terminal.quantity import rounded, significant
 
 Numbers = Mapping[str, Any]
 CONTACT = "external_contact"
-SHORT = 60  # characters of a formula that can be read in a sentence; the page and diagnosis.json have longer ones
-# Residual RMS of sliding joints over the noise that is no agreement: at most 1.16 on 20 simulated recordings without an effect that can be
-# identified (twelve sessions of the mock's arms, eight cases of the exam of seed 26112831, four of them clean); 3.7 where viscous friction of the
-# held-out recording is 1.7 times that of the others.
+SHORT = 60  # longest formula in a sentence, in characters; longer ones are on the page and in diagnosis.json only
+# Residual RMS of sliding joints over the noise above which model and recordings disagree. It is at most 1.16 on 20 simulated recordings
+# without an identifiable effect (twelve sessions of the mock's arms, eight cases of the exam of seed 26112831, four of them clean), and 3.7
+# where the viscous friction of the held-out recording is 1.7 times that of the others.
 DISAGREES = 1.5
-LEAST_CHANCE = 0.001  # a probability in the far tail of a distribution that is itself estimated says no more
-PEOPLE = ("coulomb", "stribeck")  # whose names an effect bears
+LEAST_CHANCE = 0.001  # the far tail of a distribution that is itself estimated supports no smaller probability
+PEOPLE = ("coulomb", "stribeck")  # people whose names occur in effect names
 VARIABLES = {
     "q": "position", "dq": "speed", "ddq": "acceleration", "load": "load", "time": "time", "memory": "the recent motion",
-    "hysteresis": "the way since a reversal", "resonance": "a resonance that is driven by the acceleration",
+    "hysteresis": "the travel since a reversal", "resonance": "a resonance driven by the acceleration",
     "tone": "a constant oscillation", "spot": "friction at one angle",
 }  # fmt: skip
 
@@ -30,17 +30,17 @@ def bad_data(n: Numbers) -> str:
 def complete(n: Numbers) -> str:
     if n["ratio"] is None:
         return (
-            f"No effect that these recordings show is missing from the model of {n['arm']}; how far the residual is above the noise was not "
-            "measured, so a small effect may be unseen"
+            f"No effect that these recordings can show is missing from the model of {n['arm']}; how far the residual is above the "
+            "noise was not measured, so a small effect may be missed"
         )
-    where = f"after a parameter refit the residual RMS of a sliding joint is at most {n['ratio']:.1f} times the noise, at {n['joint']}"
+    where = f"after a parameter refit the largest residual RMS of a sliding joint is {n['ratio']:.1f} times the noise, at {n['joint']}"
     if above_noise(n):
         return f"No effect is identified, but the model of {n['arm']} does not agree with {n['log']}: {where}"
     return f"No effect is missing from the model of {n['arm']}: {where}"
 
 
 def above_noise(n: Numbers) -> bool:
-    """Whether the residual that a refit leaves is no agreement; False where no noise was measured."""
+    """Whether the residual after a refit is too large for agreement; False if no noise was measured."""
     return (n["ratio"] or 0.0) > DISAGREES
 
 
@@ -89,7 +89,7 @@ def driving(n: Numbers) -> str:
     worst = min(n["joints"], key=lambda x: x["torque"])
     where = f"{significant(worst['torque'], 2)} N m at {significant(worst['speed'], 2)} rad/s at {worst['joint']}"
     return (
-        f"friction drives {listed([x['joint'] for x in n['joints']])} ({where}), which no passive joint does: the recorded torque leaves out "
+        f"friction drives {listed([x['joint'] for x in n['joints']])} ({where}), which is impossible for a passive joint: the recorded torque excludes "
         "what the controller adds, such as its friction compensation, or has the wrong sign. Record the torque or current of the motors, and "
         "do not simulate this arm"
     )
@@ -109,7 +109,7 @@ def refit(n: Numbers) -> str:
     moves = []
     for m in n["parameters"][:4]:
         by = m["to"] - m["from"]
-        far = f"to {significant(m['to'])} of its value" if m["unit"] == "times" else f"{by:+.3g} {unit(m['unit'])}"
+        far = f"to {significant(m['to'])} times its value" if m["unit"] == "times" else f"{by:+.3g} {unit(m['unit'])}"
         where = f" at {m['joint']}" if m["joint"] else ""
         moves.append(f"{m['name']}{where} {far} ({abs(by) / m['prior_std']:.0f} times its tolerance)")
     return f"A parameter refit without any effect moves {listed(moves)}"
@@ -120,7 +120,7 @@ def ripple(n: Numbers) -> str:
     found = [f"{significant(m['to'])} {unit(m['unit'])} at {m['joint']} ({m['name'].partition(' of ')[2]})" for m in first]
     if more > 0:
         found.append(f"at {more} more joint{'s' if more > 1 else ''}")
-    return f"The gears' own ripple is fitted beside every effect: {listed(found)}"
+    return f"Gear ripple is fitted alongside every effect: {listed(found)}"
 
 
 def alike(n: Numbers) -> str:
@@ -148,8 +148,8 @@ def motion(n: Numbers) -> str:
 def held(n: Numbers) -> str:
     values = [f"{p['name'].replace('_', ' ')} {significant(p['value'], 3)} {unit(p['unit'])}".strip() for p in n["parameters"]]
     return (
-        f"The corrected arm holds {listed(values)} for {words(n['effect'], n.get('joint'))}: an arm folder has no lead of the torque reading or "
-        "of dry friction, and predicts best with these"
+        f"The corrected arm holds {listed(values)} for {words(n['effect'], n.get('joint'))}: an arm folder cannot hold a lead of the torque reading or "
+        "of dry friction, and predicts best with these values"
     )
 
 
@@ -161,14 +161,14 @@ def words(effect: str, joint: str | None) -> str:
 
 
 def quantity(parameter: Numbers) -> str:
-    """value +- std unit, with as many digits as the standard deviation allows; that it is not identifiable, and what it is held at, where it is not."""
+    """`value ± std unit`, rounded to the standard deviation; or that it is not identifiable, and the value at which it is held."""
     if parameter.get("identifiable") is False:
         return f"not identifiable, held at {rounded(float(parameter['value']), None, str(parameter.get('unit', '')))}"
     return rounded(float(parameter["value"]), parameter.get("std"), str(parameter.get("unit", "")))
 
 
 def unit(text: str) -> str:
-    """A unit as it is printed; none for a number without one."""
+    """A unit as it is printed; empty for a number without one."""
     return "" if text == "1" else text.replace("*", " ")
 
 
@@ -189,7 +189,7 @@ def _size(u: Numbers) -> str:
 
 def _touched(contacts: Sequence[Numbers]) -> str:
     when = [f"at {c['start']['value']:.2f} s for {c['duration']['value']:.2f} s" for c in (e["parameters"] for e in contacts)]
-    return f"Something touched the arm {listed(when)}; that is an event, and no property of the arm"
+    return f"Something touched the arm {listed(when)}; this is an event, not a property of the arm"
 
 
 def _found(effects: Sequence[Numbers]) -> str:
@@ -208,9 +208,9 @@ def _found(effects: Sequence[Numbers]) -> str:
 
 
 def _or(e: Numbers) -> str:
-    """What may stand in the place of an effect."""
+    """The effects that may take the place of an effect, in words."""
     others = [words(o["effect"], o.get("joint")) for o in e.get("others", [])]
-    return f", or {' or '.join(others)}: these recordings do not decide" if others else ""
+    return f", or {' or '.join(others)}: these recordings cannot decide" if others else ""
 
 
 def _depending(variables: Sequence[str]) -> str:

@@ -1,4 +1,4 @@
-"""What a diagnosis claims, from its answer (diagnosis.json)."""
+"""The claims of a diagnosis, from its answer (diagnosis.json)."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ import numpy as np
 from calib.claims.claim import Claim
 from calib.claims.diagnosis_sentences import CONTACT, above_noise
 
-FAR = 3.0  # of a parameter's tolerance
+FAR = 3.0  # times a parameter's tolerance
 VERDICT = ("bad_data", "complete", "none_accepted", "unchanged", "missing", "changed", "unexplained")
-# how a number of `calibration` begins that is a ripple of a gear
+# start of the names in `calibration` that are ripples of a gear
 RIPPLE = "gear ripple"
 REMARKS = ("driving", "removed", "motion", "held", "law", "possible", "refused", "ripple", "refit")
 
 
 def claims(answer: Mapping[str, Any]) -> tuple[Claim, ...]:
-    """The verdict first; then what it gains, what cannot be distinguished, laws, refused effects, and what a refit alone would move."""
+    """The verdict first; then what the corrected arm gains, what cannot be distinguished, laws, refused effects, and what a refit alone moves."""
     out = [verdict(answer)]
     corrected = answer.get("effects") and answer.get("arm_out") and "baseline" not in answer
     if corrected and (gain := _removed(answer)):
@@ -46,7 +46,7 @@ def claims(answer: Mapping[str, Any]) -> tuple[Claim, ...]:
 
 
 def verdict(answer: Mapping[str, Any]) -> Claim:
-    """The answer to the question."""
+    """The verdict as a claim."""
     kind, healthy = answer["verdict"], answer.get("baseline")
     keys = ("effect", "joint", "parameters", "gap_share", "measured_by")
     effects = [
@@ -67,15 +67,15 @@ def verdict(answer: Mapping[str, Any]) -> Claim:
 
 
 def disagrees(answer: Mapping[str, Any]) -> bool:
-    """Whether no effect is identified and yet the model does not agree with the log: all that was tried is refused, or a residual above the noise remains."""
+    """Whether no effect is identified although the model disagrees with the log: all candidates are refused, or a residual above the noise remains."""
     claim = verdict(answer)
     return claim.name == "none_accepted" or (claim.name == "complete" and above_noise(claim.numbers))
 
 
 def over_noise(gap: Mapping[str, Any]) -> dict[str, np.ndarray]:
-    """{"before", "refit", "after"}: (n,) residual RMS over the noise, NaN of a joint without either; {} where no noise was measured.
+    """{"before", "refit", "after"}: (n,) residual RMS over the noise, NaN for a joint without either; {} if no noise was measured.
 
-    Of the rows in which a joint slides, as the noise is; of all rows in an answer that does not keep these apart.
+    Over the rows in which a joint slides, as the noise is; over all rows in an answer that does not separate them.
     """
     noise, of = np.array(gap.get("noise_floor", []), dtype=float), gap.get("sliding") or gap
     found = {key: np.array(of.get(key, []), dtype=float) for key in ("before", "refit", "after")}
@@ -85,7 +85,7 @@ def over_noise(gap: Mapping[str, Any]) -> dict[str, np.ndarray]:
 
 
 def agreement(gap: Mapping[str, Any]) -> dict[str, Any]:
-    """The joint whose residual after a refit is largest beside its noise."""
+    """The joint with the largest ratio of residual after a refit to noise; log, joint and ratio are None if no noise was measured."""
     ratio = over_noise(gap).get("refit", np.zeros(0))
     if not np.isfinite(ratio).any():
         return {"log": None, "joint": None, "ratio": None}
@@ -101,7 +101,7 @@ def _motion(pairs: Sequence[Mapping[str, Any]]) -> Claim:
 
 
 def _held(effects: Sequence[Mapping[str, Any]]) -> list[Claim]:
-    """Per effect the parameters that the corrected arm holds more than a standard deviation away from what was fitted."""
+    """Per effect the parameters whose value in the corrected arm is more than a standard deviation from the fitted one."""
     out = []
     for e in effects:
         apart = {
@@ -116,7 +116,7 @@ def _held(effects: Sequence[Mapping[str, Any]]) -> list[Claim]:
 
 
 def _removed(answer: Mapping[str, Any]) -> Claim | None:
-    """The joint that gains most from what was written; None where nothing was compared."""
+    """The joint whose residual the corrected arm lowers most; None if nothing was compared."""
     gap = answer.get("gap") or {}
     before, after = (np.array(gap.get(key, []), dtype=float) for key in ("before", "after"))
     if not len(before) or len(before) != len(after):
@@ -127,10 +127,10 @@ def _removed(answer: Mapping[str, Any]) -> Claim | None:
 
 
 def is_corrected(diagnosis: Mapping[str, Any]) -> bool:
-    """Whether it wrote an arm that differs from the one that it was given."""
+    """Whether the diagnosis wrote an arm that differs from the given one."""
     return bool(diagnosis.get("arm_out") and (lasting(diagnosis) or diagnosis.get("laws")))
 
 
 def lasting(diagnosis: Mapping[str, Any]) -> list[Mapping[str, Any]]:
-    """Its identified effects but for a contact, which is no property of the arm."""
+    """The identified effects except contacts, which are not a property of the arm."""
     return [e for e in diagnosis.get("effects", []) if e["effect"] != CONTACT]

@@ -14,7 +14,7 @@ Numbers = Mapping[str, Any]
 
 def _some(names: Sequence[str]) -> str:
     more = len(names) - MOST_NAMES
-    names = [name.split(" ")[0] for name in names]  # a base parameter by the number that leads it
+    names = [name.split(" ")[0] for name in names]  # a base parameter by its first term
     return ", ".join(names[:MOST_NAMES]) + (f" and {more} other{'s' if more > 1 else ''}" if more > 0 else "")
 
 
@@ -58,7 +58,7 @@ def _forward(n: Numbers) -> str:
 def _unstable(n: Numbers) -> str:
     return (
         f"simulated forward for {n['horizon']:g} s under the measured torque, the arm is unstable in {_some(n['logs'])}, which "
-        "happens where a law of friction drives a joint or a joint is light for it; its torques are assessed all the same"
+        "happens if a friction law drives a joint or a joint is too light for its law; the torques are assessed nevertheless"
     )
 
 
@@ -91,12 +91,12 @@ SENTENCES: dict[str, Callable[[Numbers], str]] = {
     "worse": _worse,
     "driving": diagnosis.driving,
     "friction_laws": lambda n: (
-        f"{diagnosis.listed([law['joint'] for law in n['laws']])}: a friction law adds to Coulomb and viscous friction; its terms are in arm.toml and on the page"
+        f"{diagnosis.listed([law['joint'] for law in n['laws']])}: a friction law is added to Coulomb and viscous friction; its terms are in arm.toml and on the page"
     ),
     "unstated_drives": lambda n: (
         "nobody stated "
         + "; ".join(f"{' and '.join(words)} of {joint}" for joint, words in n["joints"].items())
-        + ", so plans keep the motion slow: state them (`calib arm new --drive`) and plan anew"
+        + ", so plans keep the motion slow: state them (`calib arm new --drive`) and plan again"
     ),
     "identified": lambda n: f"{len(n['names'])} of {n['of']} base parameters identified",
     "kept": lambda n: f"{len(n['names'])} not identifiable from these logs, held at nominal",
@@ -105,15 +105,15 @@ SENTENCES: dict[str, Callable[[Numbers], str]] = {
     "out_of_bounds": _of_parameters("the estimate is physically impossible; the value written is within bounds"),
     "condition": lambda n: f"condition number {significant(n['condition'], 3)}",
     "speed_reading": lambda n: (
-        "the reported speed was used and not the derivative of the position: parts of the recordings left out are predicted better with it"
+        "the reported speed was used instead of the derivative of the position: it predicts held-out parts of the recordings better"
     ),
     "cutoff": lambda n: (
-        f"the filter's cutoff is {n['cutoff_hz']:.3g} Hz, below the {n['motion_hz']:.3g} Hz of the motion: parts of the recordings left out "
-        "are predicted better with it"
+        f"the filter's cutoff is {n['cutoff_hz']:.3g} Hz, below the {n['motion_hz']:.3g} Hz of the motion: it predicts held-out parts of "
+        "the recordings better"
     ),
     "information_gap": lambda n: (
-        "another motion within the limits would make the standard deviations at most "
-        f"{n['share']:.0%} smaller on average ({n['nats']:.1f} nats of log det, estimate)"
+        "another motion within the limits would reduce the standard deviations by at most "
+        f"{n['share']:.0%} on average ({n['nats']:.1f} nats of log det, estimate)"
     ),
     "forward": _forward,
     "unstable": _unstable,

@@ -40,37 +40,38 @@ def new(
     drives: Drive = None,
     springs: Spring = None,
     joints: Annotated[
-        str | None, typer.Option(metavar="NAME,...", help="Joints that move, by name or pattern; the others stand still at 0.")
+        str | None, typer.Option(metavar="NAME,...", help="Joints that move, by name or pattern; the others are fixed at 0.")
     ] = None,
     lock: Annotated[
         list[str] | None,
         typer.Option(
-            metavar="NAME[=N]", help="A joint, or a pattern of joints, that stands still, at N rad (m of a slide). Repeatable."
+            metavar="NAME[=N]", help="A joint, or a pattern of joints, to be fixed at N rad (m for a slide). Repeatable."
         ),
     ] = None,
     tool: Annotated[
-        str | None, typer.Option(metavar="LINK", help="The arm's last link; joints that are not before it stand still.")
+        str | None, typer.Option(metavar="LINK", help="The arm's last link; joints that are not before it are fixed.")
     ] = None,
     numbers: Annotated[
         Numbers | None,
-        typer.Option(help="Where the file's masses come from; asked if not given, and guessed if nobody answers."),
+        typer.Option(help="Source of the file's masses; asked for if not given, and counted as guessed without an answer."),
     ] = None,
     geometry_only: Annotated[
-        bool, typer.Option("--geometry-only", help="Only geometry is known: masses of the file, if any, do not count.")
+        bool, typer.Option("--geometry-only", help="Only geometry is known: masses in the file, if any, are ignored.")
     ] = False,
     no_shapes: Annotated[
-        bool, typer.Option("--no-shapes", help="Do without collision shapes whose mesh is missing; nothing keeps them clear.")
+        bool,
+        typer.Option("--no-shapes", help="Leave out collision shapes whose mesh is missing; nothing keeps those parts clear."),
     ] = False,
     torque_at: At = TorqueAt.MOTOR,
-    root: Annotated[Path | None, typer.Option(help="Folder of the ROS package that package:// mesh paths mean.")] = None,
+    root: Annotated[Path | None, typer.Option(help="Folder of the ROS package for package:// mesh paths.")] = None,
     out: Folder = None,
     json: options.Json = False,
 ) -> None:
-    """Make an arm folder from a model file, and ask for each limit that the model does not state.
+    """Create an arm folder from a model file, and ask for each limit that the model does not state.
 
-    Nothing is guessed: an empty answer leaves the limit out, and what needs it will ask for it by name. Without a terminal
-    nothing is asked; give --limit instead. What is not known of friction and reflected inertia counts as much as an ordinary
-    drive has, until --drive states it. A gripper's joints are left out with --joints, --lock or --tool.
+    No limit is guessed: an empty answer leaves it out, and a command that needs it asks for it by name. Without a terminal
+    nothing is asked; give --limit instead. Unknown friction and reflected inertia are assumed to be those of an ordinary
+    drive, until --drive states them. Leave out a gripper's joints with --joints, --lock or --tool.
 
     Example:
 
@@ -84,7 +85,7 @@ def new(
     if numbers is None and not geometry_only and person:
         answer = console.ask(f"where do its masses come from ({', '.join(Numbers)}; empty: not known): ").strip().lower()
         if answer not in ("", *Numbers):
-            raise ConfigError(f"{answer!r} is none of {', '.join(Numbers)}")
+            raise ConfigError(f"{answer!r} is not one of {', '.join(Numbers)}")
         numbers = Numbers(answer) if answer else None
     choice = Choice(
         joints=[p.strip() for p in joints.split(",") if p.strip()] if joints else (), lock=dict(locked_joint(text) for text in lock or []),
@@ -96,7 +97,9 @@ def new(
             hulls = Path(staging) / "hulls"
             hulls.mkdir()
             arm, notes = read_model(file, hulls, root, replace(choice, hulls=True))
-            notes.append("capsules leave it next to no free posture, so they are convex pieces, of which a proof takes longer")
+            notes.append(
+                "with capsules it has almost no free posture, so its shapes are convex pieces, and verification takes longer"
+            )
         for note in notes:
             console.warn(note)
         if arm.prior.numbers is None:
@@ -108,11 +111,12 @@ def new(
 
 @app.command()
 def drive(
-    name: Annotated[str, typer.Argument(metavar="NAME", help="Name of the arm of one joint.")],
+    name: Annotated[str, typer.Argument(metavar="NAME", help="Name of the one-joint arm.")],
     load: Annotated[
         str | None,
         typer.Option(
-            metavar="KG,M", help="Load and its distance from a level axis, straight down at 0 rad; `unknown`: not weighed."
+            metavar="KG,M",
+            help="Load and its distance from a level axis, hanging straight down at 0 rad; `unknown`: not weighed.",
         ),
     ] = None,
     joint: Annotated[str, typer.Option(help="Name of its joint.")] = "joint1",
@@ -121,7 +125,7 @@ def drive(
     out: Folder = None,
     json: options.Json = False,
 ) -> None:
-    """Make an arm folder of one drive on a bench: a free shaft, or a load on a lever.
+    """Create an arm folder for one drive on a bench: a free shaft, or a load on a lever.
 
     Example:
 
@@ -144,9 +148,9 @@ def read(
     json: options.Json = False,
     configs: options.Configs = None,
 ) -> None:
-    """Read the kinematics and limits that a UR controller holds of its own arm, and write them as an arm folder of that robot.
+    """Read the kinematics and limits that a UR controller holds for its arm, and write them as an arm folder of that robot.
 
-    Only listens. The folder is named after the arm and its serial number; masses and all else stay those of the cell's arm.
+    Only listens. The folder is named after the arm and its serial number; masses and all else are those of the cell's arm.
 
     Example:
 
@@ -174,7 +178,7 @@ def read(
         return
     rows = zip(written.joint_names, 1e3 * far, written.q_min, written.q_max, written.dq_max, strict=True)
     console.table(["joint", "moved from nominal mm", "q_min rad", "q_max rad", "dq_max rad/s"], rows)
-    console.say(f"{folder}: use it by arm = {written.name!r} in {table.path.name}")
+    console.say(f"{folder}: use it with arm = {written.name!r} in {table.path.name}")
 
 
 def _finish(
@@ -196,10 +200,10 @@ def _finish(
         raise ConfigError(f"name {label!r}: 1 to 64 letters, digits, dots, dashes and underscores; give one with --name")
     folder = out or Path("configs") / "arms" / label
     if (folder / "arm.toml").exists():
-        raise ConfigError(f"{folder} is an arm already; remove it first, or give another --name or --out")
+        raise ConfigError(f"{folder} is already an arm; remove it first, or give another --name or --out")
     provenance = {"all": f"read from {source}", "limits": limit_sources(own, arm, source)}
     if "shapes" in arm.incomplete:
-        console.warn("no motion is cleared until these shapes are in the model; to do without them, say --no-shapes")
+        console.warn("no motion is cleared until these shapes are in the model; to do without them, give --no-shapes")
     provenance |= {"left out": "; ".join(notes)} if notes else {}
     written = write_arm(folder, replace(arm, torque_at=torque_at.value), name=label, provenance=provenance)
     if json:
@@ -208,7 +212,7 @@ def _finish(
         )
         return
     masses, mass = list(written.tree.mass), "mass kg"
-    if written.prior.numbers == "unknown":  # nobody measured what four digits would claim
+    if written.prior.numbers == "unknown":  # four digits would claim a measurement
         masses, mass = [f"~{significant(m)}" for m in masses], "mass kg (stand-in)"
     rows = zip(written.joint_names, masses, *(getattr(written, key) for key in LIMIT_UNITS), strict=True)
     console.table(
@@ -216,7 +220,7 @@ def _finish(
     )
     missing = missing_limits(written)
     if missing:
-        console.warn(f"not stated, and needed before a motion: {', '.join(missing)}; write them to {folder / 'arm.toml'}")
+        console.warn(f"not stated, and needed before any motion: {', '.join(missing)}; write them to {folder / 'arm.toml'}")
     console.say(f"limits: {provenance['limits']}")
     console.say(f"{folder}")
 

@@ -1,4 +1,4 @@
-"""`calib capture CELL`: the bytes of a session with a device, to send to whoever develops its driver."""
+"""`calib capture CELL`: the bytes of a session with a device, to send to the developer of its driver."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ def command(
     as_json: options.Json = False,
     configs: options.Configs = None,
 ) -> None:
-    """Record what a UR controller says, byte for byte, into a text file that you can look through and send.
+    """Record what a UR controller sends, byte for byte, in a text file that you can look through and send.
 
-    Only listens, beside whatever program plays; uploads nothing. Serial number, program names and addresses are left out.
+    Only listens, whatever program is running; uploads nothing. Serial number, program names and addresses are left out.
 
     Example:
 

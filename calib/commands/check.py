@@ -1,4 +1,4 @@
-"""`calib check CELL`: connect, and ask the device before anything moves."""
+"""`calib check CELL`: connect, and check the device before anything moves."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def command(
         bool,
         typer.Option(
             "--move",
-            help="Then turn every joint by two degrees and back, and pass poses near by: order, direction, torque, which arm it is.",
+            help="Then turn every joint by two degrees and back, and visit nearby poses, to check order, direction, torque and arm.",
         ),
     ] = False,
     yes: Annotated[bool, typer.Option("--yes", help="With --move: do not ask; only for mock and emulated cells.")] = False,
@@ -30,7 +30,7 @@ def command(
 ) -> None:
     """Check the arm of a cell before motion: identity, state, firmware, program, limits, payload, mounting, clock, rate.
 
-    Only reads. With --move it then takes control of the arm, and says so. Exit code 1 where a check fails; every failure says what to do.
+    Only reads. With --move it then takes control of the arm, and says so. Exit code 1 if a check fails; every failure states what to do.
 
     Example:
 
@@ -72,7 +72,7 @@ def command(
     passed = sum(check.ok is True for check in checks)
     outcome = f"{passed} checks pass" + (f"; {noted} noted, with nothing to compare" if noted else "")
     conclude(outcome)
-    # a mock turns the way its model does; on any other the joints are looked at before anything large moves
+    # a mock turns the way its model does; on any other device the joints are tested before larger motions
     then = ["plan", table.table.arm, "--cell", cell] if move or table.table.driver in SIMULATED else ["check", cell, "--move"]
     if as_json:
         console.print_json({"schema": "check/1", "cell": table.name, "ok": not failed, "checks": checks})
@@ -82,7 +82,7 @@ def command(
             console.say(f"{check.name}: {check.remedy}")
     if failed:
         raise AnswerIsNo(
-            f"{table.name}: {', '.join(c.name for c in failed)}: not as it must be before motion; see the remedies"
+            f"{table.name}: {', '.join(c.name for c in failed)}: must be put right before motion; see the remedies"
         )
     if not as_json:
         console.say(f"{outcome}.")

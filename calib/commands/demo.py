@@ -1,4 +1,4 @@
-"""`calib demo`: the whole story on the mock arm, with an effect hidden from the tool."""
+"""`calib demo`: all steps on the mock arm, with an effect hidden from the tool."""
 
 from __future__ import annotations
 
@@ -19,12 +19,13 @@ from calib.terminal import console, options
 
 def command(
     seed: Annotated[
-        int | None, typer.Option(min=0, max=2**63 - 1, help="Draw this effect and this noise again; random if not given.")
+        int | None,
+        typer.Option(min=0, max=2**63 - 1, help="Seed of the effect and the noise, to repeat a demo; random if not given."),
     ] = None,
     out: options.Out = None,
     as_json: options.Json = False,
 ) -> None:
-    """Demonstrate everything on a simulated arm: an effect is hidden, and check, plan, record, identify and diagnose look for it.
+    """Demonstrate all steps on a simulated arm: an effect is hidden, and check, plan, record, identify and diagnose search for it.
 
     At the end the hidden effect is revealed; the last line is the path of the report.
 
@@ -52,7 +53,7 @@ def command(
     with redirect_stdout(sys.stderr if as_json else sys.stdout):
         console.say(
             f"Something is wrong with a simulated {arm.name}: an effect was drawn at random (seed {seed}) and hidden in it. The tool "
-            "does not know of it and looks for it with the same commands that you would use on a real arm."
+            "does not know it and searches for it with the same commands that you would use on a real arm."
         )
         steps = demo.story(arm.name, place, folder)
         for number, step in enumerate(steps, 1):
@@ -95,7 +96,7 @@ def command(
     )
     console.say(f"{page.sentence(arm.joint_names, followed)}.")
     console.say(f"\nIt took {seconds:.0f} s; the output of each command is in {folder}")
-    console.say(f"The same again: calib demo --seed {seed}")
-    console.say("How the arm follows before and after, and the report, for a browser:")
+    console.say(f"To repeat this demo: calib demo --seed {seed}")
+    console.say("Tracking before and after, and the report, for a browser:")
     console.copyable(str(shown.resolve()))
     console.copyable(str(report.resolve()))

@@ -1,4 +1,4 @@
-"""`calib diagnose`: which physical effect does the model lack?"""
+"""`calib diagnose`: which physical effect is missing from the model?"""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def command(
     baseline: Annotated[
         list[Path] | None,
         typer.Option(
-            metavar="LOG", help="Three or more recordings of the same arm when it was healthy: name what has changed since."
+            metavar="LOG", help="Three or more recordings of the same arm when it was healthy: identify what has changed since."
         ),
     ] = None,
     accept_partial: options.AcceptPartial = False,
@@ -37,8 +37,8 @@ def command(
 ) -> int:
     """Compare an arm's model with recordings and identify the physical effects that it is missing.
 
-    Writes diagnosis.json, report.html and the corrected arm folder arm/. Exit code 0 where no effect is missing, 1 where one is found,
-    something stays unexplained or the model does not agree with the recordings, 2 where the data cannot be used.
+    Writes diagnosis.json, report.html and the corrected arm folder arm/. Exit code 0: no effect is missing. 1: one is
+    found, something stays unexplained, or the model does not agree with the recordings. 2: the data cannot be used.
 
     Example:
 
@@ -72,7 +72,7 @@ def command(
             found = diagnose_pieces(subject, logs, apart, progress=lambda text: advance(0, text))[0].without_fits()
         found.write(folder, subject)
         answer = found.answer
-        from calib import evidence  # with it come libraries that draw, into the memory that the fits have left
+        from calib import evidence  # imported here: it loads the plotting libraries, after the fits have freed their memory
         from calib.report import diagnosis as page
         from calib.report.evidence import gap_columns, gap_title
 
@@ -118,7 +118,7 @@ def command(
 
 
 def exit_code(answer: Mapping[str, Any]) -> int:
-    """0 no effect is missing; 1 one is, something stays unexplained, or the model does not agree; 2 the data cannot be used."""
+    """0: no effect is missing; 1: one is, something stays unexplained, or the model does not agree; 2: the data cannot be used."""
     from calib.claims.of_diagnosis import disagrees
 
     return 1 if disagrees(answer) else {"no_missing_effect": 0, "bad_data": 2}.get(answer["verdict"], 1)

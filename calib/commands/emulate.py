@@ -19,7 +19,7 @@ def command(
     cell: options.CellArgument,
     fault: Annotated[
         list[str] | None,
-        typer.Option(metavar="NAME@SECONDS", help="Make something go wrong after the start; may be repeated."),
+        typer.Option(metavar="NAME@SECONDS", help="Inject this fault that many seconds after the start. Repeatable."),
     ] = None,
     seconds: Annotated[
         float | None, typer.Option(min=0.0, max=1e7, help="Stop after this time; runs until Ctrl-C if not given.")

@@ -23,7 +23,7 @@ def command(
         str,
         typer.Argument(
             metavar="ARM",
-            help="Name from configs/arms, arm folder, .xml/.urdf file, or `latest` calibrated arm.",
+            help="Name from configs/arms, arm folder, .xml/.urdf file, or `latest` for the newest calibrated arm.",
             autocompletion=options.calibrated_names,
         ),
     ],
@@ -42,8 +42,8 @@ def command(
 ) -> None:
     """Write an arm, nominal or calibrated, for MuJoCo, ROS, Isaac Lab and controllers, and as a table of parameters.
 
-    MuJoCo and Pinocchio compute the rigid-body torques of each model as calib does. The MuJoCo model has the effects: most as native
-    elements, some through `import calib.mujoco`, and those of sensors in its `read`; the command says which, and what is left out.
+    MuJoCo and Pinocchio compute the same rigid-body torques from each model as calib. The MuJoCo model has the effects: most as native
+    elements, some through `import calib.mujoco`, and those of sensors in its `read`. The command lists which, and what is left out.
     URDF holds friction and reflected inertia; the table holds everything.
 
     Example:
@@ -106,8 +106,8 @@ def command(
         console.warn(f"the URDF leaves out what its format cannot hold: {'; '.join(outside)}")
     if driven:
         console.warn(
-            f"friction drives {', '.join(driven)} within the speed limits of {arm}, as no passive joint does: a simulation can run away. "
-            "It comes from a torque reading without what the controller adds, or from a law beyond the speeds of its recordings"
+            f"friction drives {', '.join(driven)} within the speed limits of {arm}, which is impossible for a passive joint: a simulation can diverge. "
+            "The torque reading excludes what the controller adds, or a law is used beyond the speeds of its recordings"
         )
     console.say(f"{outcome} in {folder}.")
 

@@ -11,26 +11,26 @@ from calib.past_runs import RUNS
 from calib.run_folder import conclude, new_run
 from calib.terminal import console, options
 
-MOST_NAMES = 5  # of files that are not read
+MOST_NAMES = 5  # of files that are not read, in the warning
 
 
 def command(
     folder: Annotated[
-        str, typer.Argument(metavar="FOLDER", help="Folder of recordings: a path, or an address that fsspec reads.")
+        str, typer.Argument(metavar="FOLDER", help="Folder of recordings: a path, or an address that fsspec can read.")
     ],
     scheduler: Annotated[
         str | None,
-        typer.Option(metavar="ADDRESS", help="Dask scheduler, tls://host:port; processes of this computer if not given."),
+        typer.Option(metavar="ADDRESS", help="Dask scheduler, tls://host:port; local processes if not given."),
     ] = None,
     workers: Annotated[
-        int | None, typer.Option(min=0, help="Processes of this computer; one for each processor if not given, none for 0.")
+        int | None, typer.Option(min=0, help="Local processes; one per processor if not given, none for 0.")
     ] = None,
     session: Annotated[
         float,
         typer.Option(
             min=0.0,
             max=36500.0,
-            help="Days before an arm's newest recording that say what it is now; older ones say since when.",
+            help="Days before an arm's newest recording that show its present state; older ones show since when.",
         ),
     ] = 1.0,
     no_diagnose: Annotated[
@@ -44,12 +44,12 @@ def command(
     """Identify, validate and diagnose every arm that has recordings below a folder, and compare the arms of one model.
 
     Writes fleet.parquet, report.html and arms/<arm>/ into DIR, runs/fleet-<folder>/ if not given; called again, it does only
-    what is new there. Exit code 0 where no effect is missing from an arm's model and no arm is unlike its siblings, 1 where
-    one deviates or could not be assessed. With --no-diagnose no arm is compared with its model: 0 says only that every arm was
+    what is new. Exit code 0: no effect is missing from any arm's model, and no arm differs from its siblings. 1: an arm
+    deviates or could not be assessed. With --no-diagnose no arm is compared with its model: 0 means only that every arm was
     identified.
 
-    Friction, masses and inertias are fitted for every arm: a change in them is found beside three siblings or more, or by
-    `calib diagnose --baseline`.
+    Friction, masses and inertias are fitted for every arm: a change in them is found by comparison with three or more
+    siblings, or by `calib diagnose --baseline`.
 
     Example:
 
@@ -65,14 +65,14 @@ def command(
 
     if scheduler is not None and not scheduler.startswith("tls://"):
         console.warn(
-            f"{scheduler}: without TLS whoever reaches this scheduler can run programs on its workers and read the recordings; see docs/fleet.md"
+            f"{scheduler}: without TLS, anyone who can reach this scheduler can run programs on its workers and read the recordings; see docs/fleet.md"
         )
 
     place = out or RUNS / f"fleet-{re.sub(r'[^A-Za-z0-9]+', '-', folder).strip('-') or 'here'}"
     there = inventory(folder)
     if others := foreign(folder):
         listed = ", ".join(others[:MOST_NAMES]) + (f" and {len(others) - MOST_NAMES} more" if len(others) > MOST_NAMES else "")
-        console.warn(f"not read, because only .mcap is: {listed}; `calib import FILE --arm ARM` makes an .mcap of each")
+        console.warn(f"not read, because only .mcap files are: {listed}; `calib import FILE --arm ARM` converts them to .mcap")
     run = new_run("fleet", "fleet", place, continues=True, recordings=folder)
     settings = Settings(scheduler, workers, session, accept_partial, not no_diagnose)
     with console.progress("fleet", None) as advance:

@@ -35,24 +35,24 @@ def command(
             autocompletion=options.run_folders("go"),
         ),
     ] = None,
-    new: Annotated[bool, typer.Option("--new", help="Begin a new session, whatever is open.")] = False,
+    new: Annotated[bool, typer.Option("--new", help="Begin a new session, even if one is open.")] = False,
     quick: Annotated[bool, typer.Option("--quick", help="Plan quickly: a random motion and short sweeps.")] = False,
     rounds: Annotated[
         int | None,
         typer.Option(
             min=1,
             max=20,
-            help="Recordings at most, to decide between effects that look alike; 2, or those of the session, if not given.",
+            help="Rounds of recording at most, to decide between effects that look alike; 2, or those of the session, if not given.",
         ),
     ] = None,
     yes: Annotated[bool, typer.Option("--yes", help="Do not ask; only for mock and emulated cells.")] = False,
     as_json: options.Json = False,
     configs: options.Configs = None,
 ) -> int:
-    """Guide through a whole session: check, plan, record, identify, validate, diagnose, and another round where the answer is open.
+    """Guide through a whole session: check, plan, record, identify, validate, diagnose, and another round if the answer is open.
 
     Every step is a command of this program; it is printed, and its output is kept. Leave at any question or with Ctrl-C; the same
-    command continues where the session was left. Everything is in one folder, with the page session.html.
+    command continues where you left the session. Everything is in one folder, with the page session.html.
 
     Example:
 
@@ -84,7 +84,7 @@ def command(
             raise ConfigError(
                 f"{open_one.folder}: this session is open in another terminal; end it there, or begin another with --new"
             )
-        guided.with_files(open_one, *files)  # which refuses another cell or arm than that of the recordings
+        guided.with_files(open_one, *files)  # refuses a cell or an arm that has changed since the recordings
         open_one = guided.with_options(open_one, quick, rounds)
     with redirect_stdout(sys.stderr if as_json else sys.stdout):
         if open_one is None:
@@ -98,8 +98,8 @@ def command(
             current.write()
             plans = "quick plans" if current.quick else "full plans"
             console.say(
-                f"Continues the session in {current.folder}, with {plans} where one is still to be made, and {current.rounds} "
-                f"round{'s' * (current.rounds != 1)} at most; --new begins another."
+                f"Continuing the session in {current.folder}, with {plans} from now on and at most {current.rounds} "
+                f"round{'s' * (current.rounds != 1)}; --new begins another."
             )
         current, code = _run(current, yes, configs)
     if as_json:
@@ -113,7 +113,7 @@ def command(
 
 
 def _run(current: GuidedSession, yes: bool, configs: Path | None) -> tuple[GuidedSession, int]:
-    """Step by step until nothing is left, or a step fails, or the person leaves; the session and the exit code."""
+    """Run steps until none is left, one fails, or the person leaves; return the session and the exit code."""
     from calib import guided
     from calib.report import session as page
 
@@ -149,7 +149,7 @@ def _run(current: GuidedSession, yes: bool, configs: Path | None) -> tuple[Guide
 
 
 def _up_to_date(current: GuidedSession, configs: Path | None) -> GuidedSession:
-    """The session with the files of its cell, its arm and its plan looked at anew; written to its folder."""
+    """The session after its cell, arm and plan files are checked again; written to its folder."""
     from calib import guided, guided_session
     from sim.cell import load_arm_of, load_cell
 
@@ -162,7 +162,7 @@ def _up_to_date(current: GuidedSession, configs: Path | None) -> GuidedSession:
 
 
 def _do(current: GuidedSession, step: GuidedStep, yes: bool, configs: Path | None) -> tuple[GuidedSession, int, str]:
-    """Run one command; what it prints is kept in the session's folder, and shown where it failed."""
+    """Run one command; its output is kept in the session's folder, and shown if it failed."""
     from calib.main import start
 
     moves = step.name.split("-")[0] == "record"
@@ -190,7 +190,7 @@ def _left(current: GuidedSession, step: GuidedStep, code: int = 0, sentence: str
 
 
 def _asked(question: str) -> str:
-    """The answer in small letters; nobody who answers means leave, and so does Ctrl-C."""
+    """The answer in lower case; no answer means leave, and so does Ctrl-C."""
     try:
         return console.ask(question).strip().lower()
     except KeyboardInterrupt:
@@ -198,7 +198,7 @@ def _asked(question: str) -> str:
 
 
 def _again(step: GuidedStep) -> str:
-    """What to do about a step that failed: `y` the same again, `p` plan again."""
+    """Ask what to do about a failed step: `y` try again, `p` plan again."""
     plan = ", p: plan again" if step.name.startswith("record") else ""
     return _asked(
         f"\n{step.name} did not pass. Put it right, then y: try again{plan}, Enter: leave the session. [y{'/p' * bool(plan)}/N] "

@@ -1,4 +1,4 @@
-"""`calib identify`: logs in, a calibrated arm folder and an honest result out."""
+"""`calib identify`: a calibrated arm folder and a result with uncertainties from logs."""
 
 from __future__ import annotations
 
@@ -29,14 +29,14 @@ def command(
             "--known-mass",
             min=0.001,
             max=10_000.0,
-            help="kg of that load, or of the load of a drive on a bench: the torque constants are estimated from it.",
+            help="kg of that load, or of the load of a drive on a bench; the torque constants are estimated from it.",
         ),
     ] = None,
     cutoff: Annotated[
-        float | None, typer.Option(min=0.1, max=1000.0, help="Hz of the filter; from the motion if not given.")
+        float | None, typer.Option(min=0.1, max=1000.0, help="Cutoff of the filter, Hz; from the motion if not given.")
     ] = None,
     masses_only: Annotated[bool, typer.Option("--masses-only", help="Fit masses and centres of mass, keep inertias.")] = False,
-    no_robust: Annotated[bool, typer.Option("--no-robust", help="Every row with full weight.")] = False,
+    no_robust: Annotated[bool, typer.Option("--no-robust", help="Give every row full weight.")] = False,
     accept_partial: options.AcceptPartial = False,
     assume: options.Assume = None,
     max_error: options.MaxError = None,
@@ -48,8 +48,8 @@ def command(
 
     Writes arm/ (the calibrated arm folder), result.json and report.html. Exit code 0: the fit is good on the held-out logs (on
     the training logs if none is held out), that is, at every joint the residual RMS is at most 20 % of the torque's standard deviation or
-    1 % of the joint's maximum torque. 1: it is poor. 2: at half of the joints the residual exceeds the torque's standard deviation, a
-    joint hardly moves, or the recordings are not of this arm.
+    1 % of the joint's maximum torque. 1: it is poor. 2: at half of the joints or more the residual exceeds the torque's standard
+    deviation, a joint hardly moves, or the recordings are not of this arm.
 
     Example:
 
@@ -103,7 +103,7 @@ def command(
             *options.read_as(accept_partial, assume, configs),
         ]
     else:
-        # torque constants that came from a known mass are in the identified arm alone, and so are masses that nobody knew
+        # only the identified arm has torque constants from a known mass, and masses that were unknown
         nobodys = known_mass is not None or nominal.prior.numbers == "unknown"
         then = ["diagnose", folder / "arm" if nobodys else arm, *(log or [])]
         then += ["--holdout", *holdout] if holdout else []

@@ -1,4 +1,4 @@
-"""`calib import`: recordings of other programs, and recordings that were cut short, as finished logs."""
+"""`calib import`: convert recordings of other programs, and recordings that were cut short, to finished logs."""
 
 from __future__ import annotations
 
@@ -33,12 +33,12 @@ def command(
         typer.Option(
             "--arm",
             metavar="ARM",
-            help="Also check that the readings are this arm's, write down whose they are, and estimate the torque channel's delay.",
+            help="Also check that the readings are this arm's, store its name in the log, and estimate the torque channel's delay.",
             autocompletion=options.arm_names,
         ),
     ] = None,
     map_file: Annotated[
-        Path | None, typer.Option("--map", metavar="TOML", help="What a table's columns mean, as an earlier import kept it.")
+        Path | None, typer.Option("--map", metavar="TOML", help="What a table's columns mean, as stored by an earlier import.")
     ] = None,
     columns: Annotated[
         list[str] | None,
@@ -48,7 +48,7 @@ def command(
     ] = None,
     rate: Annotated[
         float | None,
-        typer.Option("--rate", min=0.1, max=1e6, help="Samples a second, where a table has no column of times."),
+        typer.Option("--rate", min=0.1, max=1e6, help="Samples per second, if a table has no time column."),
     ] = None,
     joints: Annotated[
         str | None, typer.Option("--joints", metavar="NAMES", help="Names of a table's joints; the arm's if not given.")
@@ -56,13 +56,13 @@ def command(
     episode: Annotated[
         int | None, typer.Option("--episode", min=0, max=1_000_000, help="Which episode of a LeRobot data set.")
     ] = None,
-    yes: Annotated[bool, typer.Option("--yes", help="Accept the guess of what the columns mean without being asked.")] = False,
+    yes: Annotated[bool, typer.Option("--yes", help="Accept the guessed meaning of the columns without being asked.")] = False,
     assume: Annotated[
         list[str] | None,
         typer.Option(
             "--assume",
             metavar="HOW",
-            help="Read it that way (q=deg, t=ms, tau=current, current=int16, sign:tau:JOINT, ...); most need --arm.",
+            help="Read it this way (q=deg, t=ms, tau=current, current=int16, sign:tau:JOINT, ...); most need --arm.",
         ),
     ] = None,
     report: Annotated[bool, typer.Option("--report", help="Also show how the samples were taken, joint by joint.")] = False,
@@ -70,11 +70,11 @@ def command(
     as_json: options.Json = False,
     configs: options.Configs = None,
 ) -> None:
-    """Make a finished log of a recording: of another program's, or of one whose program was killed.
+    """Convert a recording to a finished log: one of another program, or one whose program was killed.
 
-    Reports what survived and what did not. The log is marked clean if the source was whole and aborted otherwise; identification refuses
-    an aborted log unless --accept-partial is given. The columns of a table are guessed from their names, shown, and kept in map.toml once they
-    are confirmed. Jittered stamps, repeated and lost samples are found from the position against the speed. With --arm the readings must be
+    Reports what survived and what did not. The log is marked clean if the source was complete and aborted otherwise; identification refuses
+    an aborted log unless --accept-partial is given. The columns of a table are guessed from their names, shown, and stored in map.toml once
+    they are confirmed. Jittered stamps, repeated and lost samples are found by comparing position with speed. With --arm the readings must be
     that arm's: a wrong unit, sign, column or clock is refused with its likely cause, and --assume reads the recording another way.
 
     Examples:
@@ -102,7 +102,7 @@ def command(
     table = table_of(file)
     if table is None and (map_file or columns or rate is not None or joints or episode is not None):
         raise ConfigError(
-            f"{file}: says itself what it holds; --map, --column, --rate, --joints and --episode are for tables: CSV, NPZ, MAT, Parquet"
+            f"{file}: states itself what it holds; --map, --column, --rate, --joints and --episode are for tables: CSV, NPZ, MAT, Parquet"
         )
     chosen: ColumnMap | None = None
     doubts: list[str] = []
@@ -112,7 +112,7 @@ def command(
         chosen, doubts, complete = chosen_map(table, map_file, columns or [], rate, joints, names, episode)
         chosen, words = with_words(chosen, words)
     if words and not arm:
-        raise ConfigError("--assume is about the joints and limits of an arm: name it with --arm")
+        raise ConfigError("--assume needs the joints and limits of an arm: name it with --arm")
     if table is None:
         read_log(file, model.joint_names if model else None, accept_partial=True)
     folder = new_run(model or "log", "import", out)
@@ -121,9 +121,9 @@ def command(
     if table is not None and chosen is not None and not complete:
         if yes:
             for doubt in doubts:
-                console.warn(f"taken as likely, with --yes: {doubt}")
+                console.warn(f"accepted because of --yes: {doubt}")
         else:
-            (folder / MAP).write_text(chosen.text(), encoding="utf-8")  # the question names it: whoever answers no corrects it
+            (folder / MAP).write_text(chosen.text(), encoding="utf-8")  # the question names it, to be corrected after a no
             confirm_columns(chosen, doubts, table, folder / MAP)
     change = None
     if model is not None:
@@ -142,7 +142,7 @@ def command(
                 AnswerIsNo,
                 BadLog,
                 ConfigError,
-            ) as error:  # the recording is imported; that its motion says nothing of a delay, or its torque is unknown, is no failure
+            ) as error:  # the recording is imported; a delay that cannot be estimated is no failure
                 no_delay = str(error)
     if as_json:
         console.print_json(_plain(done, delay))
@@ -155,12 +155,12 @@ def command(
     if report:
         _report(done)
     if chosen is not None:
-        console.say(f"the meaning of the columns is kept in {folder / MAP}")
+        console.say(f"the meaning of the columns is stored in {folder / MAP}")
     console.say(f"{done.path}")
 
 
 def _report(done: Imported) -> None:
-    """How the samples were taken: the clock, and by joint the speed against the position and what bridging a lost sample costs."""
+    """Show how the samples were taken: the clock, and per joint the speed against the position and the error of bridging a lost sample."""
     from logs.sampling import examine
 
     log, found = done.log, done.sampling
@@ -169,7 +169,7 @@ def _report(done: Imported) -> None:
     rows: list[list[Any]] = [
         ["period", f"{1e3 * found.period:.6g} ms"],
         ["jitter of the stamps", f"{1e3 * found.jitter:.3g} ms" if found.jitter == found.jitter else None],
-        ["least that would show", f"{1e3 * found.jitter_seen:.3g} ms" if found.jitter_seen == found.jitter_seen else None],
+        ["smallest visible jitter", f"{1e3 * found.jitter_seen:.3g} ms" if found.jitter_seen == found.jitter_seen else None],
         ["clock", "rebuilt" if found.rebuilt else "as stamped"],
         ["remains between q and dq", f"{1e3 * found.left:.2g} ms" if found.left == found.left else None],
         ["samples repeated", found.repeated],

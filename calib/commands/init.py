@@ -22,14 +22,15 @@ MODELS = (".urdf", ".xml")
 
 def command(
     host: Annotated[
-        list[str] | None, typer.Option("--host", help="Address of a robot; repeatable. Nothing else is asked then.")
+        list[str] | None, typer.Option("--host", help="Address of a robot; repeatable. No other address is asked then.")
     ] = None,
     network: Annotated[
         list[str] | None, typer.Option(metavar="A.B.C.D/24", help="Ask every address of this network for a robot; repeatable.")
     ] = None,
     name: Annotated[str | None, typer.Option(help="Name of the cell; my-ARM if not given.")] = None,
     arm_name: Annotated[
-        str | None, typer.Option("--arm", metavar="ARM", help="Which arm a robot is, where its controller leaves several open.")
+        str | None,
+        typer.Option("--arm", metavar="ARM", help="Which arm a robot is, if its controller leaves several possible."),
     ] = None,
     as_json: options.Json = False,
     configs: options.NewConfigs = None,
@@ -63,7 +64,7 @@ def command(
         text = first_cell.of_robot(cell, robot, arm)
     elif arm_name is not None and (models or adapters):
         raise ConfigError(
-            f"--arm {arm_name}: says which arm a robot is, and none answered; give its address with --host, or leave it out"
+            f"--arm {arm_name}: states which arm a robot is, but none answered; give its address with --host, or leave it out"
         )
     elif models:
         with redirect_stdout(sys.stderr if as_json else sys.stdout):
@@ -87,7 +88,7 @@ def command(
         return
     else:
         raise AnswerIsNo(
-            (f"no robot answered at {', '.join(host)}; see that it is on and that the dashboard server is enabled "
+            (f"no robot answered at {', '.join(host)}; check that it is on and that the dashboard server is enabled "
              "(Settings > Security > Services)") if host else
             "nothing was found: no robot, no CAN adapter, no .urdf or .xml model in this folder; give --host ADDRESS, copy a model here, "
             "or try the mock: calib go mock-ur10e --quick"
@@ -98,19 +99,19 @@ def command(
         with file.open("x", encoding="utf-8") as stream:
             stream.write(text)
     except FileExistsError:
-        raise ConfigError(f"{file}: is there already, and is never overwritten; give another --name, or remove it") from None
+        raise ConfigError(f"{file}: exists already and is never overwritten; give another --name, or remove it") from None
     if as_json:
         console.print_json(
             {"schema": "init/1", "robots": found, "adapters": adapters, "models": models, "cell": file, "next": ["calib", "check", cell]}
         )  # fmt: skip
         return
-    console.say(f"{file}: written; fill in its lines with TODO, then:")
+    console.say(f"{file}: written; complete its TODO lines, then:")
     for verb in ("check", "go"):
         console.copyable(f"   $ calib {verb} {cell}")
 
 
 def _addresses(networks: list[str] | None, as_json: bool) -> list[str]:
-    """The addresses to ask: of the networks given, or of this computer's own where a person agrees."""
+    """The addresses to ask: of the given networks, or of this computer's own if the person agrees."""
     from drivers import finding
 
     chosen = []
@@ -126,7 +127,7 @@ def _addresses(networks: list[str] | None, as_json: bool) -> list[str]:
         chosen.append(network)
     if networks is None and not as_json:
         for network in finding.own_networks():
-            question = f"Ask every address of {network} for a robot (port 29999)? Asking a network may need its owner's consent. [y/N] "
+            question = f"Ask every address of {network} for a robot (port 29999)? This may need the consent of the network's owner. [y/N] "
             if console.ask(question).strip().lower() in ("y", "yes"):
                 chosen.append(network)
     return [str(a) for network in chosen for a in (network.hosts() if network.num_addresses > 2 else network)]
@@ -144,7 +145,7 @@ def _show(found: list[Robot], adapters: list[Adapter], models: list[Path]) -> No
 
 
 def _chosen(found: list[Robot], arm: str | None, as_json: bool) -> tuple[Robot, str]:
-    """The robot to write a cell for, and its arm; the operator is asked where there are several. No answer chooses nothing."""
+    """The robot to write a cell for, and its arm; the operator is asked if there are several. ConfigError without a valid answer."""
     robot = found[0]
     if len(found) > 1:
         hosts = [r.host for r in found]
@@ -168,7 +169,7 @@ def _chosen(found: list[Robot], arm: str | None, as_json: bool) -> tuple[Robot, 
 
 
 def _added(file: Path, configs: Path | None) -> str:
-    """The name of the arm of a model file, which `calib arm new` makes where it is not there yet."""
+    """The name of the arm of a model file; `calib arm new` creates it if it does not exist yet."""
     from calib.main import start
 
     name = file.stem

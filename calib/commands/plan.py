@@ -1,4 +1,4 @@
-"""`calib plan`: motions that show what an arm is, proved before they are written."""
+"""`calib plan`: motions that excite an arm's parameters, verified before they are written."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def command(
         bool | None,
         typer.Option(
             "--probes/--no-probes",
-            help="Reversal ladder, static holds, the same path at half speed; if not given, planned without --quick and not with it.",
+            help="Reversal ladder, static holds, the same path at half speed; if not given, planned only without --quick.",
         ),
     ] = None,
     progressive: Annotated[
@@ -40,13 +40,13 @@ def command(
         int | None,
         typer.Option(min=0, help="Starts of the optimiser, 0 keeps the best random motion; 8 if not given, 0 with --quick."),
     ] = None,
-    seed: Annotated[int, typer.Option(min=0, max=2**63 - 1, help="Of the random motions.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, max=2**63 - 1, help="Seed of the random motions.")] = 0,
     discriminate: Annotated[
         Path | None,
-        typer.Option(metavar="RUN", help="Add the motion on which the effects part that this diagnosis could not distinguish."),
+        typer.Option(metavar="RUN", help="Add a motion that separates the effects that this diagnosis could not distinguish."),
     ] = None,
     viewer: Annotated[
-        bool, typer.Option("--viewer", help="Then show the motions in MuJoCo's viewer, where there is a display.")
+        bool, typer.Option("--viewer", help="Then show the motions in MuJoCo's viewer, if there is a display.")
     ] = False,
     out: options.Out = None,
     as_json: options.Json = False,
@@ -54,7 +54,7 @@ def command(
 ) -> None:
     """Plan friction sweeps, an informative excitation, a validation motion and probes for an arm.
 
-    Writes a plan folder: plan.toml, one .npy a motion, plan.html to look at before anything moves.
+    Writes a plan folder: plan.toml, one .npy per motion, plan.html to look at before anything moves.
 
     Example:
 
@@ -79,12 +79,12 @@ def command(
     stands = where or open_cell(nominal)
     if where:
         require_postures(where, nominal)
-    check_plausible(nominal, stands)  # else a long plan would be made that no run takes
+    check_plausible(nominal, stands)  # otherwise a long plan would be computed that no run accepts
     requested = replace(
         QUICK if quick else Session(), period=period, harmonics=harmonics, seed=seed, progressive=progressive,
         home=None if home is None else posture(home, nominal),
     )  # fmt: skip
-    # what is given holds beside --quick as well
+    # options that are given override --quick
     requested = replace(
         requested,
         periods=requested.periods if periods is None else periods,

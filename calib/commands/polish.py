@@ -1,4 +1,4 @@
-"""`calib polish`: small corrections of friction and offsets after which the simulated arm moves nearer to recordings."""
+"""`calib polish`: small corrections of friction and offsets that bring simulated motion closer to recordings."""
 
 from __future__ import annotations
 
@@ -19,7 +19,9 @@ def command(
     log: options.LogsArgument = None,
     holdout: Annotated[
         list[Path] | None,
-        typer.Option("--holdout", metavar="LOG", help="Recordings that decide whether the arm moves better, one or several."),
+        typer.Option(
+            "--holdout", metavar="LOG", help="Recordings that decide whether the correction is accepted, one or several."
+        ),
     ] = None,
     accept_partial: options.AcceptPartial = False,
     assume: options.Assume = None,
@@ -27,11 +29,11 @@ def command(
     as_json: options.Json = False,
     configs: options.Configs = None,
 ) -> int:
-    """Correct friction and torque offsets of an identified arm so that its simulated motion stays nearer to recordings.
+    """Correct friction and torque offsets of an identified arm so that its simulated motion stays closer to recordings.
 
-    An arm from identify or diagnose has the least error of torque; here the error of motion after 1 s under the measured torque counts.
-    Writes polish.json, and arm/ where the held-out recordings are followed at least 2 % better: exit code 0. 1: they are not, and no arm
-    is written.
+    identify and diagnose minimise the torque error; polish minimises the motion error after 1 s under the measured torque.
+    Writes polish.json. Exit code 0: the held-out recordings are followed at least 2 % better, and arm/ is written. 1: they are not, and
+    no arm is written.
 
     Example:
 
@@ -49,7 +51,7 @@ def command(
     subject, given = arm_and_logs(arm, log, configs)
     if not holdout:
         raise ConfigError(
-            "a polish is accepted only by recordings that take no part in it; name one of another motion with --holdout"
+            "a polish is accepted only on recordings that are not fitted; name one of another motion with --holdout"
         )
     require_unseen(given, holdout)
     require_free(out)

@@ -1,4 +1,4 @@
-"""`calib record CELL PLAN`: drive an approved plan, guarded, and record it."""
+"""`calib record CELL PLAN`: run an approved plan under guard and record it."""
 
 from __future__ import annotations
 
@@ -37,9 +37,9 @@ def command(
     as_json: options.Json = False,
     configs: options.Configs = None,
 ) -> None:
-    """Drive the motions of a plan and record them, slowly first; every motion is verified again before anything moves.
+    """Run the motions of a plan and record them, slowly first; every motion is verified again before anything moves.
 
-    Writes one log a motion. This is not a safety-rated function: it does not replace the emergency stop.
+    Writes one log per motion. This is not a safety-rated function: it does not replace the emergency stop.
 
     Example:
 

@@ -18,11 +18,11 @@ def command(
         str | None,
         typer.Option("--arm", help="The arm; the one that the log names if not given.", autocompletion=options.arm_names),
     ] = None,
-    speed: Annotated[float, typer.Option(min=0.01, max=1000.0, help="Times as fast as it was.")] = 1.0,
+    speed: Annotated[float, typer.Option(min=0.01, max=1000.0, help="Playback speed; 1 is the original speed.")] = 1.0,
     configs: options.Configs = None,
     as_json: options.Json = False,
 ) -> None:
-    """Show a recorded run as it was seen while it was recorded; nothing moves.
+    """Show a recorded run as it looked while it was recorded; nothing moves.
 
     Example:
 
@@ -39,7 +39,7 @@ def command(
     found = read_log(log)
     name = arm or found.metadata.get("arm")
     if not name:
-        raise ConfigError(f"{log}: does not say which arm it is of; name it with --arm")
+        raise ConfigError(f"{log}: does not state which arm it is of; name it with --arm")
     model = load_arm(arm, configs) if arm else recorded_arm(log, configs)
     data = read_log(log, joint_names=model.joint_names)
     duration = float(data.t[-1] - data.t[0])

@@ -33,7 +33,7 @@ def command(
     out: options.Out = None,
     as_json: options.Json = False,
 ) -> None:
-    """Say what a run found and where its pages are, or compare two runs of identify or diagnose.
+    """Show what a run found and where its pages are, or compare two runs of identify or diagnose.
 
     Example:
 

@@ -1,4 +1,4 @@
-"""`calib runs`: what was done, and doing it again."""
+"""`calib runs`: the runs so far, and repeating one."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ def command(
     ] = None,
     again: Annotated[
         bool,
-        typer.Option("--again", help="Do RUN again: the same command line in the same directory; an open session goes on."),
+        typer.Option("--again", help="Repeat RUN: the same command line in the same directory; an open session is continued."),
     ] = False,
     root: Annotated[Path, typer.Option("--runs", metavar="DIR", help="Where the run folders are.")] = RUNS,
     as_json: options.Json = False,
 ) -> int:
-    """List the runs, newest first; show one; or do one again, from the command line that its run.toml holds.
+    """List the runs, newest first; show one; or repeat one, with the command line in its run.toml.
 
     Example:
 
@@ -62,15 +62,13 @@ def _list(found: list[Run], faults: list[ConfigError], root: Path, as_json: bool
         rows = [[r.started.replace("T", " ")[:16], r.verb, r.arm, _code(r), r.folder.name, r.sentence] for r in found]
         console.table(["started (UTC)", "verb", "arm", "exit", "folder", "outcome"], rows)
     elif not faults:
-        console.say(f"There are no runs in {root}/ yet; the first command that makes one is `calib plan ARM` or `calib demo`.")
+        console.say(f"There are no runs in {root}/ yet; create one with `calib plan ARM` or `calib demo`.")
     return 0
 
 
 def _repeat(run: Run) -> int:
     if not run.arguments:
-        raise ConfigError(
-            f"{run.folder / FILE}: holds no command line, because the run was made from Python; call it from there"
-        )
+        raise ConfigError(f"{run.folder / FILE}: holds no command line, because the run was made from Python; repeat it there")
     from calib.main import main
 
     before, folder = Path.cwd(), run.folder.resolve()
@@ -80,13 +78,13 @@ def _repeat(run: Run) -> int:
         console.say(f"calib {shlex.join(arguments)}")
         return main(arguments)
     except OSError as error:
-        raise ConfigError(f"{run.directory}: {error.strerror}; the run was started there, make the folder again") from error
+        raise ConfigError(f"{run.directory}: {error.strerror}; the run was started there; create the folder again") from error
     finally:
         os.chdir(before)
 
 
 def _elsewhere(arguments: list[str]) -> list[str]:
-    """The arguments with `--out` a folder that is not there yet: the run that is done again stays as it is."""
+    """The arguments with `--out` set to a folder that does not exist yet, so that the repeated run stays unchanged."""
     for k, word in enumerate(arguments):
         if word == "--out" and k + 1 < len(arguments):
             arguments[k + 1] = str(free_folder(Path(arguments[k + 1])))
@@ -96,7 +94,7 @@ def _elsewhere(arguments: list[str]) -> list[str]:
 
 
 def _continued(arguments: list[str], verb: str, folder: Path) -> list[str]:
-    """The arguments with which an open guided session goes on, instead of another that begins; those of every other run as they are."""
+    """The arguments that continue an open guided session instead of beginning another; unchanged for every other run."""
     from calib import guided_session
 
     if verb != "go" or not (folder / guided_session.FILE).is_file() or guided_session.read_session(folder).closed:

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 class CellOrVerb(Group):
-    """A first word that is no subcommand is a cell to look at."""
+    """Treats a first word that is not a subcommand as a cell to look at."""
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         return super().resolve_command(ctx, args if args[0] in self.commands else ["look", *args])
@@ -51,14 +51,14 @@ def look(
     off: Annotated[bool, typer.Option(help="torque off for this joint")] = False,
     supported: Annotated[
         bool,
-        typer.Option(help="the arm is carried: without brakes, torque off drops it, and some drives answer only that order"),
+        typer.Option(help="the arm is supported: without brakes, torque off drops it, and some drives answer only that order"),
     ] = False,
     as_json: options.Json = False,
     configs: options.Configs = None,
 ) -> None:
     """Look at the drives of a servo arm: serial number, watchdog, position, temperature, error; or set one of them.
 
-    Switches no torque on. Exit code 1 where a drive reports an error or is not the one of the cell file. Example:
+    Switches no torque on. Exit code 1 if a drive reports an error or is not the one of the cell file. Example:
 
         calib servo emulated-servo6 elbow_joint
     """
@@ -100,24 +100,24 @@ def look(
 @app.command()
 def scan(
     interface: Annotated[
-        str, typer.Option(help="python-can's: socketcan, slcan, socketcand, pcan, ...; damiao is Damiao's USB box.")
+        str, typer.Option(help="python-can interface: socketcan, slcan, socketcand, pcan, ...; damiao is Damiao's USB adapter.")
     ],
-    channel: Annotated[str, typer.Option(help="can0, /dev/serial/by-id/..., as the interface has it.")],
+    channel: Annotated[str, typer.Option(help="can0, /dev/serial/by-id/..., as the interface names it.")],
     bitrate: Annotated[int, typer.Option(min=1, max=1_000_000, help="bit/s")] = 1_000_000,
     data_bitrate: Annotated[
         int | None,
         typer.Option(
             min=1,
             max=8_000_000,
-            help="bit/s of CAN FD data, often 5000000; asks classical and CAN FD drives. Classical alone if not given.",
+            help="bit/s of CAN FD data, often 5000000; asks classical and CAN FD drives. Classical only if not given.",
         ),
     ] = None,
     bus: Annotated[
         list[str] | None,
-        typer.Option(metavar="KEY=VALUE", help="More for python-can, such as host=127.0.0.1 and port=29536. Repeatable."),
+        typer.Option(metavar="KEY=VALUE", help="More python-can options, such as host=127.0.0.1 and port=29536. Repeatable."),
     ] = None,
     supported: Annotated[
-        bool, typer.Option(help="The arm is carried: also ask with the order off, which CubeMars drives need.")
+        bool, typer.Option(help="The arm is supported: also ask with the order off, which CubeMars drives need.")
     ] = False,
     arm: Annotated[
         str | None, typer.Option(metavar="ARM", help="Arm whose joints are then turned by hand, one by one.")
@@ -126,10 +126,10 @@ def scan(
     as_json: options.Json = False,
     configs: options.Configs = None,
 ) -> None:
-    """Find the drives on a bus: makers, identifiers, serial numbers, firmware, ranges, classical and CAN FD. No torque goes on.
+    """Find the drives on a bus: makers, identifiers, serial numbers, firmware, ranges, classical and CAN FD. Switches no torque on.
 
-    With --arm each joint is turned by hand, which shows its drive and direction, and --out writes the cell. Exit code 1 where a drive must be set
-    before it can be used.
+    With --arm each joint is turned by hand, which shows its drive and direction, and --out writes the cell. Exit code 1 if a drive must be
+    configured before it can be used.
 
     Example:
 
@@ -147,11 +147,11 @@ def scan(
     model = load_arm(arm, configs) if arm else None
     if (model is None) != (out is None):
         raise ConfigError(
-            "--arm and --out belong together: a cell names its arm and joints; give both, or neither to look only"
+            "--arm and --out belong together: a cell names its arm and joints; give both, or neither for the scan alone"
         )
     if out is not None:  # before anybody turns a joint
         if out.exists():
-            raise ConfigError(f"{out}: is there already, and is never overwritten; name a new file, or remove it")
+            raise ConfigError(f"{out}: exists already and is never overwritten; name a new file, or remove it")
         if out.suffix != ".toml" or not is_name(out.stem):
             raise ConfigError(
                 f"{out}: a cell's file ends in .toml, and {out.stem!r} must be letters, digits, dots, dashes and underscores; "
@@ -165,7 +165,7 @@ def scan(
     options, clock = validated(CanOptions, options_table, Path("calib servo scan")), MonotonicClock()
     link = Link.open(options, clock)
     try:
-        with console.progress(f"asking everybody on {interface} {channel}"):
+        with console.progress(f"asking all drives on {interface} {channel}"):
             result = scanned(link, clock, options, supported)
         found = result.found
         if not as_json:
@@ -193,24 +193,24 @@ def scan(
             "schema": "scan/1", "drives": [_described(f) for f in found], "notes": result.notes, "cell": out,
         })  # fmt: skip
     elif out is not None:
-        console.say(f"{out}: written; fill in its lines with TODO, then: calib check {out}")
+        console.say(f"{out}: written; complete its TODO lines, then: calib check {out}")
     problems = [problem for f in found for problem in f.described.problems]
     if problems:
         raise AnswerIsNo("; ".join(problems))
 
 
 def _named(arm: str, cell: Path) -> str:
-    """An arm as a cell file names it: its name, or the path to it from there."""
+    """An arm as a cell file names it: its name, or its path relative to the cell file."""
     return arm if is_name(arm) else f"./{Path(os.path.relpath(arm, cell.parent)).as_posix()}"
 
 
 def _pairs(words: list[str]) -> dict[str, str | int]:
-    """`KEY=VALUE` words; whole numbers as such."""
+    """`KEY=VALUE` words as a dict, with whole numbers as int."""
     pairs: dict[str, str | int] = {}
     for word in words:
         key, equals, value = word.partition("=")
         if not (key and equals):
-            raise ConfigError(f"--bus {word}: it has no KEY=VALUE form; write for example --bus port=29536")
+            raise ConfigError(f"--bus {word}: it is not KEY=VALUE; write for example --bus port=29536")
         pairs[key] = int(value) if value.isdecimal() and len(value) < 10 else value
     return pairs
 

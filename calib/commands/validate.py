@@ -18,7 +18,7 @@ def command(
     log: options.LogsArgument = None,
     forward: Annotated[bool, typer.Option(help="Simulate the arm under the measured torque as well.")] = True,
     cutoff: Annotated[
-        float | None, typer.Option(min=0.1, max=1000.0, help="Hz of the filter; from the motion if not given.")
+        float | None, typer.Option(min=0.1, max=1000.0, help="Cutoff of the filter, Hz; from the motion if not given.")
     ] = None,
     accept_partial: options.AcceptPartial = False,
     assume: options.Assume = None,
@@ -32,8 +32,8 @@ def command(
     Writes validation.json, report.html, prediction.csv (t, tau_<joint> measured, tau_hat_<joint> predicted) and prediction.mcap, which
     Foxglove, Rerun and PlotJuggler show: the moving arm, and its torque beside the predicted one. Exit code 0: the model is good, that
     is, at every joint compared the residual RMS is at most 20 % of the torque's standard deviation or 1 % of the joint's maximum torque. 1: it is
-    poor. 2: wrong arm or wrong model (at half of the joints the residual exceeds the torque's standard deviation), no joint moves, or the
-    recordings are not of this arm.
+    poor. 2: wrong arm or wrong model (at half of the joints or more the residual exceeds the torque's standard deviation), no joint moves, or
+    the recordings are not of this arm.
 
     Example:
 
@@ -113,5 +113,5 @@ def command(
 
 
 def _thousandths(error: float) -> float | str:
-    """mm or mrad."""
+    """In mm or mrad; "unstable" if it is not finite."""
     return 1e3 * float(error) if math.isfinite(error) else "unstable"

@@ -1,4 +1,4 @@
-"""`calib watch`: follow payload, contact and wear of an arm while something else moves it, or in a log of it."""
+"""`calib watch`: monitor payload, contact and wear of an arm while something else moves it, or in a log."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def command(
         str | None,
         typer.Option(
             "--arm",
-            help="The arm, best a calibrated folder; that of the cell or log if not given.",
+            help="The arm, preferably a calibrated folder; that of the cell or log if not given.",
             autocompletion=options.arm_names,
         ),
     ] = None,
@@ -39,7 +39,7 @@ def command(
     ] = None,
     samples: Annotated[
         bool,
-        typer.Option("--samples", help="Write every reading into watch.mcap, not only the events and one reading a second."),
+        typer.Option("--samples", help="Write every reading into watch.mcap, not only the events and one reading per second."),
     ] = False,
     trend: Annotated[bool, typer.Option("--trend", help="Show friction over all runs watched so far; watch nothing.")] = False,
     database: Annotated[
@@ -49,13 +49,13 @@ def command(
     assume: options.Assume = None,
     out: options.Out = None,
     as_json: Annotated[
-        bool, typer.Option("--json", help="Print each event as one JSON line as it comes, the result as the last.")
+        bool, typer.Option("--json", help="Print each event as one JSON line as it occurs, and the result as the last line.")
     ] = False,
     configs: options.Configs = None,
 ) -> None:
     """Watch an arm at work: payload, contact, friction, and whether the model still holds. It never commands anything.
 
-    Ends with exit code 1 where something needs attention: contact, drift, a wrong declared payload, a model that no longer holds.
+    Ends with exit code 1 if something needs attention: contact, drift, a wrong declared payload, a model that no longer holds.
 
     Example:
 
@@ -71,7 +71,7 @@ def command(
         _trend(source or arm, table, out, as_json, configs)
         return
     if source is None:
-        raise ConfigError("nothing to watch is named; give a cell or a log, or --trend for what was watched so far")
+        raise ConfigError("nothing to watch is named; give a cell or a log, or --trend for the runs watched so far")
     with open_source(source, arm, configs, accept_partial, assume or ()) as opened:
         for finding in opened.findings:
             console.warn(f"{source}: {finding}")
@@ -81,7 +81,7 @@ def command(
             def print_event(event: WatchEvent) -> None:
                 if as_json:
                     _json_line(event.as_dict())
-                    if answer.lost():  # nobody gets what would follow: end as the operator ends a watch
+                    if answer.lost():  # nobody reads what would follow: end as if by Ctrl-C
                         raise KeyboardInterrupt
                 view.event(event)
 
@@ -92,11 +92,11 @@ def command(
         _json_line(found.as_dict())
     else:
         _show(found)
-        undated = ", dated by now: the recording does not state when it was made" if found.dated == WATCHED else ""
+        undated = ", dated as of now: the recording does not state when it was made" if found.dated == WATCHED else ""
         console.say(f"{folder}: watch.json, events.jsonl, watch.mcap" + (f"; kept in {table}{undated}" if found.kept else ""))
     conclude(found.sentence)
     if found.fault is not None:
-        raise DeviceError(f"{found.fault}; until then: {found.sentence}; it stands in {folder}")
+        raise DeviceError(f"{found.fault}; until then: {found.sentence}; the result is in {folder}")
     if found.concerns:
         raise AnswerIsNo(
             f"{len(found.concerns)} of {len(found.events)} events need attention; the first: {found.concerns[0].message}"
@@ -128,7 +128,7 @@ def _show(found: Watched) -> None:
     consistency = (
         "" if math.isnan(p.nis) else f"; filter consistency (NIS per degree of freedom, 1 expected): {significant(p.nis)}"
     )
-    judged = "" if p.fits is not None else "; whether the readings fit the arm was not judged (`fits` is null in watch.json)"
+    judged = "" if p.fits is not None else "; whether the readings fit the arm was not assessed (`fits` is null in watch.json)"
     console.say(
         f"{len(found.events)} event{'' if len(found.events) == 1 else 's'} in {found.seconds:.1f} s{consistency}{judged}."
     )

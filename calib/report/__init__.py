@@ -1,1 +1,1 @@
-"""The pages that people read afterwards: one house style, one file each, readable offline, printed, in the dark and by everyone."""
+"""The pages of the results: one style, one file each, readable offline, in print and in dark mode, and accessible."""

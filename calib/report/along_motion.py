@@ -1,4 +1,4 @@
-"""What is shown along a motion: postures, speed of the flange and clearance at even times."""
+"""Postures, flange speed and clearance along a motion, evenly sampled in time, as pages show them."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ PLACES = CELL, ITSELF = ("the cell", "itself")
 
 
 class Approach(Protocol):
-    """Two bodies where they are nearest, as `safety.collision.Witness` has it: instant s and distance m."""
+    """Two bodies at their nearest, like `safety.collision.Witness`: time s and distance m."""
 
     @property
     def pair(self) -> tuple[str, str]: ...
@@ -30,8 +30,8 @@ class Approach(Protocol):
 
 
 class Distances(Protocol):
-    """Distances between pairs of bodies, as `safety.collision.Clearance` has them: (P,) m at a posture, and their margins; the nearest approach
-    along a motion to each of PLACES."""
+    """Distances between pairs of bodies, like `safety.collision.Clearance`: (P,) m at a posture, their margins, and the nearest approach
+    to each of PLACES along a motion."""
 
     pairs: tuple[tuple[str, str], ...]
     margin: np.ndarray
@@ -43,8 +43,11 @@ class Distances(Protocol):
 
 @dataclass(frozen=True)
 class Near:
-    """Clearance of one kind: distance (K,) m of the nearest pair; spare (K,) m, the least of all pairs beyond their margins; the nearest approach
-    of the motion, whose distance stands in the frame nearest to it."""
+    """Clearance to one of PLACES.
+
+    distance (K,) m: of the nearest pair. spare (K,) m: the least clearance of all pairs beyond their margins. least: the nearest approach
+    of the motion; the frame nearest to it holds its distance.
+    """
 
     distance: np.ndarray
     spare: np.ndarray
@@ -57,7 +60,7 @@ class Near:
 
 @dataclass(frozen=True)
 class Looks:
-    """What is drawn of one motion: t (K,) s, q (K, n), flange (K, 3) m, speed (K,) m/s of the flange; clearance to each of PLACES, where known."""
+    """Drawn data of one motion: t (K,) s, q (K, n), flange (K, 3) m, flange speed (K,) m/s; clearance to each of PLACES, if known."""
 
     t: np.ndarray
     q: np.ndarray

@@ -1,7 +1,7 @@
-"""docs/effects.md, derived from the catalogue: each effect's law, how it looks on a log, its parameters, and a picture of it.
+"""docs/effects.md, generated from the catalogue: each effect's law, how it looks in a log, its parameters, and a picture.
 
-`python -m calib.report.catalogue docs` writes the page and one SVG an effect. The picture is what a report shows where the effect is
-missing from the model: measured minus predicted torque over time, speed, position and load.
+`python -m calib.report.catalogue docs` writes the page and one SVG per effect. The picture is what a report shows if the effect is missing
+from the model: measured minus predicted torque over time, speed, position and load.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ ARM, JOINT = "ur10e", "shoulder_lift_joint"
 # Where gravity's torque never changes sign, a dead zone is never crossed.
 ELSEWHERE = {"backlash": "shoulder_pan_joint"}
 SECONDS, RATE = 24.0, 250.0
-# Values that can be seen, where the catalogue's own starting values vanish on this motion or have another sign.
+# Visible values, for effects whose starting values in the catalogue vanish on this motion or have the other sign.
 SHOWN: dict[str, dict[str, float]] = {
     "payload": {"mass": 3.0, "com_x": 0.0, "com_y": 0.05, "com_z": 0.08},
     "link_inertia": {"mass": 12.0, "com_x": 0.05, "com_y": 0.0, "com_z": 0.1},
@@ -54,11 +54,11 @@ def page() -> str:
     lines = [
         "# The effects, how each looks, and how it is distinguished",
         "",
-        "This page is derived from `sim/effects/` by `make docs`; `calib effects NAME` says the same on the terminal.",
+        "This page is generated from `sim/effects/` by `make docs`; `calib effects NAME` prints the same on the terminal.",
         "",
-        f"Each picture shows what is left of the torque of one joint ({JOINT.replace('_joint', '').replace('_', ' ')} of a {ARM}) when the",
-        "arm has the effect and the model has not: over time, speed, position and load, as a report shows it. These are clean",
-        "computations without noise; on a real log the same shape lies under the noise band.",
+        f"Each picture shows the torque residual of one joint ({JOINT.replace('_joint', '').replace('_', ' ')} of a {ARM}) when the",
+        "arm has the effect and the model does not: over time, speed, position and load, as in a report. These are clean",
+        "computations without noise; in a real log the same shape is under the noise band.",
         "",
         "| effect | of | what it is |",
         "|---|---|---|",
@@ -75,11 +75,11 @@ def page() -> str:
             "",
             f"{effect.summary[0].upper()}{effect.summary[1:]}: `{effect.law}`",
             "",
-            f"![{effect.name} as it shows in what a model without it leaves](effects/{effect.name}.svg)",
+            f"![Residual of a model without {effect.name}](effects/{effect.name}.svg)",
             "",
             f"- **Looks like** {effect.looks}.",
             *([f"- **Distinguished by** {effect.experiment}."] if effect.experiment else []),
-            *([f"- **Other published laws**, for which its standard deviations allow: {others}."] if others else []),
+            *([f"- **Other published laws**, which its standard deviations allow for: {others}."] if others else []),
             f"- **Reference** {effect.reference}.",
             "",
             "| parameter | unit | meaning |",
@@ -91,7 +91,7 @@ def page() -> str:
 
 
 def picture(effect: Effect) -> str:
-    """The residual that the effect leaves at one joint, as a stand-alone SVG that follows the reader's light or dark."""
+    """The residual that the effect leaves at one joint, as a stand-alone SVG that follows light and dark mode."""
     arm, motion = load_arm(ARM), _motion()
     joint = ELSEWHERE.get(effect.name, JOINT)
     j = arm.joint_index(joint)
@@ -109,7 +109,7 @@ def picture(effect: Effect) -> str:
         panel[key].axhline(0, color=ROLES["muted"], linewidth=0.6)
     panel["time"].set_ylabel("residual [N m]")
     if not np.max(np.abs(left)) > 1e-3:
-        raise ValueError(f"{effect.name} leaves nothing to see with {instance.parameters}; give it values in SHOWN")
+        raise ValueError(f"{effect.name} leaves no visible residual with {instance.parameters}; give it values in SHOWN")
     text = str(svg(figure, f"What a model without {effect.name} leaves"))
     text = re.sub(r'\b(id="|href="#|url\(#|aria-labelledby=")f\d+-', r"\1", text)
     return text.replace(">", f"><style>{_INK}</style>", 1) + "\n"
@@ -120,7 +120,7 @@ def _values(effect: Effect) -> dict[str, float]:
 
 
 def _on_top(arm: Arm, instance: ArmEffect) -> ArmEffect:
-    """An effect that the nominal arm has already (friction, rotor) is made a third greater, so that a difference shows."""
+    """The effect to add: one that the nominal arm already has (friction, reflected inertia) is raised by a third, so that a difference shows."""
     own = arm.effect(instance.effect, instance.joint)
     if own is None:
         return instance
@@ -128,7 +128,7 @@ def _on_top(arm: Arm, instance: ArmEffect) -> ArmEffect:
 
 
 def _motion() -> Trajectory:
-    """Two tones in every joint, so that no two variables go together: a wide slow one and a quick one, with pauses of none."""
+    """Two sines per joint without pauses, a wide slow one and a small fast one, so that no two variables are correlated."""
     t = np.arange(0, SECONDS, 1 / RATE)
     home = np.array([0.0, -1.4, 1.3, -1.4, -1.2, 0.3])
     q, dq, ddq = np.tile(home, (len(t), 1)), np.zeros((len(t), 6)), np.zeros((len(t), 6))

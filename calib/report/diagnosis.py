@@ -16,8 +16,8 @@ from calib.report.evidence import add_evidence, add_gap
 from calib.report.page import Page, Verdict
 from sim.arm import Arm
 
-REFIT_HELPS = 0.2  # share of a joint's residual RMS from which a refit is proposed
-MEASURE_NOISE = "Record longer motions, such as those of `calib plan` without --quick, and diagnose with them: then the noise can be measured."
+REFIT_HELPS = 0.2  # share by which a refit must lower a joint's residual RMS to be proposed
+MEASURE_NOISE = "Record longer motions, such as those of `calib plan` without --quick, and diagnose with them, so that the noise can be measured."
 _VERDICTS: dict[str, Verdict] = {
     "effects_found": "found",
     "no_missing_effect": "good",
@@ -31,8 +31,8 @@ def write(path: str | Path, diagnosis: Mapping[str, Any], evidence: Mapping[str,
 
     diagnosis  the content of diagnosis.json
     evidence   `joint_names`; `t` (N,) s; `tau`, `before`, `after`, `q`, `dq` (N, n) on the held-out log; `candidates`:
-               (effect, joint, score) of the runners-up, and the `threshold` that a name must reach; `others`: the same arrays on further held-out logs. Without arrays (bad data) the page
-               has no pictures.
+               (effect, joint, score) of the runners-up, and the `threshold` that a name must reach; `others`: the same arrays on
+               further held-out logs. Without arrays (bad data) the page has no pictures.
     arm        for the interactive curves and the arm in 3D, which are left out without it
     """
     page = Page(str(diagnosis["arm"]), sentence(diagnosis), style(diagnosis), _facts(diagnosis), "diagnosis")
@@ -71,25 +71,25 @@ def sentence(diagnosis: Mapping[str, Any]) -> str:
 
 
 def remarks(diagnosis: Mapping[str, Any]) -> list[str]:
-    """What the corrected arm gains, friction laws, effects that were refused, and parameters that a refit moves far."""
+    """Sentences on the gain of the corrected arm, friction laws, refused effects, and parameters that a refit moves far."""
     return [f"{capital(claim.sentence)}." for claim in claims(diagnosis) if claim.name in REMARKS]
 
 
 def next_steps(diagnosis: Mapping[str, Any]) -> list[str]:
-    """The remarks, then what to do."""
+    """The remarks, then the actions."""
     return [*remarks(diagnosis), *actions(diagnosis)]
 
 
 def actions(diagnosis: Mapping[str, Any]) -> list[str]:
-    """What a person standing at the robot should do with this answer."""
+    """What the person at the robot should do next."""
     steps = [f"{claim.sentence}." for claim in claims(diagnosis) if claim.name == "alike"]
     steps += [f"To confirm it: {e['experiment']}" for e in diagnosis.get("effects", []) if e.get("experiment")]
     verdict = diagnosis["verdict"]
     if verdict == "effects_found" and not lasting(diagnosis):
-        steps.append("Look what the arm touches, and repeat the recording without it: the arm's model stays as it is.")
+        steps.append("Find what the arm touches, and repeat the recording without it; the arm's model stays unchanged.")
     elif verdict == "effects_found" and is_corrected(diagnosis):
         steps.append(
-            f"Use the corrected arm folder “{diagnosis['arm_out']}” wherever the nominal one was used; test it on a log it has not seen with calib validate."
+            f"Use the corrected arm folder “{diagnosis['arm_out']}” wherever the nominal one was used; test it with calib validate on a log that it has not seen."
         )
     elif disagrees(diagnosis):
         joint = agreement(diagnosis.get("gap") or {})["joint"]
@@ -105,22 +105,22 @@ def actions(diagnosis: Mapping[str, Any]) -> list[str]:
         )
     elif verdict == "bad_data":
         steps.append(
-            "Correct what the refusal names, in the arm's folder, the cell or the recording, and ask again; record anew only where a reading is lost."
+            "Correct what the refusal names, in the arm's folder, the cell or the recording, and diagnose again; record again only if a reading is lost."
         )
     if diagnosis["arm_out"] is None and diagnosis.get("refused"):
-        steps.append("The arm stays as it was: no corrected arm that was tried is better.")
+        steps.append("The arm stays unchanged: none of the corrected arms that were tried is better.")
         steps += filter(None, [_refit(diagnosis)])
     return steps
 
 
 def _noise_unknown(diagnosis: Mapping[str, Any]) -> bool:
-    """Whether the model was not compared with the noise of the recordings, so that nobody knows how well it agrees."""
+    """Whether the residual was not compared with the noise, so that the agreement is unknown."""
     first = claims(diagnosis)[0]
     return first.name == "complete" and first.numbers["ratio"] is None
 
 
 def _refit(diagnosis: Mapping[str, Any]) -> str:
-    """What to do where ordinary parameters alone are off; empty where a refit lowers no joint's residual by REFIT_HELPS."""
+    """What to do if only ordinary parameters are off; empty if a refit lowers no joint's residual by REFIT_HELPS."""
     gap = diagnosis.get("gap") or {}
     rows = list(zip(gap.get("joints", ()), gap.get("before", ()), gap.get("refit", ()), strict=False))
     joint, before, refit = min(rows, key=lambda row: row[2] / max(row[1], 1e-12), default=("", 1.0, 1.0))
@@ -152,7 +152,7 @@ def _facts(diagnosis: Mapping[str, Any]) -> list[tuple[str, Any]]:
 
 
 def _which(gap: Mapping[str, Any]) -> str:
-    """What the log is on which the gap was measured; one that was fitted flatters the corrected arm."""
+    """The kind of log on which the gap was measured; a fitted one flatters the corrected arm."""
     return "held-out log" if gap.get("held_out") else "fitted log (no log was held out)"
 
 
@@ -206,7 +206,7 @@ def _every_joint(page: Page, diagnosis: Mapping[str, Any], evidence: Mapping[str
 
 
 def _joints_in_question(diagnosis: Mapping[str, Any], names: Sequence[str]) -> list[int]:
-    """Joints that the answer names, at most three; where it names none, the one with the greatest gap beside its noise."""
+    """Indices of at most three joints that the answer names, else of the joint with the largest residual relative to its noise."""
     named = [e.get("joint") for e in [*diagnosis.get("effects", []), *diagnosis.get("unexplained", [])]]
     found = [names.index(joint) for joint in dict.fromkeys(named) if joint in names]
     if found:

@@ -1,4 +1,4 @@
-"""Why the answer of a diagnosis is what it is: effects, candidates, and the residual in numbers."""
+"""The evidence for the answer of a diagnosis: effects, candidates, and the residual in numbers."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ def add_evidence(page: Page, diagnosis: Mapping[str, Any], evidence: Mapping[str
         )  # fmt: skip
         if apart:
             page.text(
-                "The value is what the fit says of the arm. An arm folder has no lead of the torque reading or of dry friction, so that it predicts "
-                "best with slightly other numbers."
+                "The value is the estimate of the fit. An arm folder cannot hold a lead of the torque reading or of dry friction, so it predicts "
+                "best with slightly different numbers."
             )
     candidates = evidence.get("candidates") or []
     if candidates:
@@ -43,8 +43,8 @@ def add_evidence(page: Page, diagnosis: Mapping[str, Any], evidence: Mapping[str
                 [(effect, joint) in chosen for effect, joint, _ in candidates],
                 float(evidence["threshold"]),
             ),
-            "Every effect of the catalogue was tried at every joint; the best are shown, the chosen ones filled. One close "
-            "to a chosen one often explains the same residual, and drops once the right effect is in the model.",
+            "Every effect of the catalogue was tried at every joint; the best are shown, the chosen ones filled. A "
+            "candidate close to a chosen one often explains the same residual, and drops once the right effect is in the model.",
         )
         page.table(
             ["effect", "joint", "evidence", "chosen"],
@@ -73,7 +73,7 @@ def add_evidence(page: Page, diagnosis: Mapping[str, Any], evidence: Mapping[str
 
 
 def gap_columns(gap: Mapping[str, Any]) -> dict[str, list[Any]]:
-    """Title -> a number for each joint, of those that the answer has."""
+    """Column title -> a number per joint, for the columns that the answer has."""
     columns = {"before": gap["before"], "after parameter refit": gap.get("refit"), "after": gap["after"]}
     columns |= {"after, sliding": (gap.get("sliding") or {}).get("after")}
     columns |= {"given arm": gap.get("given_arm"), "corrected arm": gap.get("corrected_arm")}
@@ -81,24 +81,26 @@ def gap_columns(gap: Mapping[str, Any]) -> dict[str, list[Any]]:
 
 
 def gap_title(diagnosis: Mapping[str, Any]) -> str:
-    """What the numbers are."""
+    """The title of the residual table."""
     unit, log = unit_of(diagnosis["gap"]["unit"]), diagnosis["gap"]["log"]
     if "baseline" in diagnosis:
-        return f"RMS [{unit}] on {log} of what the healthy recordings do not explain"
+        return f"RMS [{unit}] on {log} of the residual that the healthy recordings do not explain"
     return f"residual RMS [{unit}] on {log}"
 
 
 def gap_caption(diagnosis: Mapping[str, Any]) -> str:
-    """The same, with what each column means."""
+    """The caption of the residual table, with the meaning of its columns."""
     gap = diagnosis["gap"]
     if "baseline" in diagnosis:
-        text = f"RMS on {gap['log']} of what the healthy recordings do not explain, without and with the changes"
+        text = f"RMS on {gap['log']} of the residual that the healthy recordings do not explain, without and with the changes"
         return text + (
             "; “given arm”, “corrected arm”: the residual RMS of their own predictions" if "given_arm" in gap else ""
         )
     caption = f"Residual RMS on {gap['log']}; “after parameter refit”: ordinary parameters fitted, no effect added"
     if gap.get("sliding"):
-        caption += "; “sliding”: without changes of direction, where dry friction holds any torque and no noise can be measured"
+        caption += (
+            "; “sliding”: without changes of direction, where dry friction can hold any torque and no noise can be measured"
+        )
     return caption
 
 
@@ -135,7 +137,7 @@ def add_gap(page: Page, diagnosis: Mapping[str, Any]) -> None:
 
 
 def _thousandths(errors: Sequence[float | None]) -> float | str:
-    """The largest error in mm or mrad."""
+    """The largest error in mm or mrad; "unstable" if one is unknown."""
     known = [x for x in errors if x is not None]
     return 1e3 * max(known) if len(known) == len(errors) else "unstable"
 
@@ -145,11 +147,11 @@ def _symbol(parameter: str) -> str:
 
 
 def _value(parameter: Mapping[str, Any]) -> tuple[float | None, float | str | None]:
-    """What was fitted and its standard deviation, for two columns."""
+    """The fitted value and its standard deviation, for two columns."""
     value, std = pair(parameter["value"], parameter.get("std"))
     return value, "not identifiable" if parameter.get("identifiable") is False else std
 
 
 def _written(parameter: Mapping[str, Any]) -> float | None:
-    """What the corrected arm holds, rounded as its value is; None where it does not hold it."""
+    """The value in the corrected arm, rounded like the fitted one; None if the arm does not hold it."""
     return pair(parameter.get("written"), parameter.get("std"))[0]

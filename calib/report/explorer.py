@@ -1,4 +1,4 @@
-"""The interactive part of a page: the arm in 3D with the torque residual as heat on its links, zoomable curves with one cursor, effects to click."""
+"""The interactive part of a page: the arm in 3D with its links coloured by torque residual, zoomable curves with one cursor, effects to switch."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ def add(
     page: Page, arm: Arm, logs: Sequence[Mapping[str, Any]], roles: Sequence[str], words: Mapping[str, str] | None = None, unit: str = "N m",
     joint: str | None = None,
 ) -> Page:  # fmt: skip
-    """Embed it in the page.
+    """Embed the interactive part in the page.
 
     logs   each with `log`, its name; `t` (N,) s; `tau`, `q`, `dq` (N, n), and (N, n) for each of `roles`: the predicted torque; optionally
            `switched`, the same effects for each log, as `calib.evidence.of_diagnosis` has them
-    roles  `before`, `after`, or one of them; the heat is that of the first one
+    roles  `before`, `after`, or one of them; the links show the residual of the first
     words  what the roles are called; joint: the one shown first
     """
     shown = [_thinned(log, roles) for log in logs[:MOST_LOGS] if len(log["t"])]
@@ -57,7 +57,7 @@ def add(
 
 
 def copied(page: Page, report: Path) -> Page:
-    """Embed what another page of this program holds; nothing where it holds none."""
+    """Embed the interactive part of another page of this program; nothing if it has none."""
     text = report.read_text(encoding="utf-8") if report.is_file() else ""
     found = [
         re.search(rf'<script type="application/json" id="{name}">(.*?)</script>', text, re.DOTALL)
@@ -66,7 +66,7 @@ def copied(page: Page, report: Path) -> Page:
     try:
         scene_data, data = (json.loads(part[1]) for part in found if part is not None)
         return _embedded(page, scene_data, data)
-    except (ValueError, KeyError, TypeError):  # a page without it, or one that somebody changed
+    except (ValueError, KeyError, TypeError):  # a page without it, or an edited one
         return page
 
 
@@ -89,7 +89,7 @@ def _embedded(page: Page, scene_data: Mapping[str, Any], data: Mapping[str, Any]
 
 
 def _thinned(log: Mapping[str, Any], roles: Sequence[str]) -> dict[str, Any]:
-    """At most MOST_ROWS rows, evenly spread: every one of them is a row of the filtered log."""
+    """At most MOST_ROWS rows of the filtered log, evenly spread."""
     count = len(log["t"])
     rows = np.unique(np.linspace(0, count - 1, min(count, MOST_ROWS)).astype(int))
     switched = [dict(e) | {"tau": np.asarray(e["tau"], float)[rows]} for e in log.get("switched", ())]
@@ -99,14 +99,14 @@ def _thinned(log: Mapping[str, Any], roles: Sequence[str]) -> dict[str, Any]:
 
 
 def _changed(log: Mapping[str, Any], effect: Mapping[str, Any]) -> dict[str, list[Any]]:
-    """The columns of torque that the effect changes, by the joint's number; the others are those of the arm with which it is compared."""
+    """Torque columns that the effect changes, by joint index; the others are those of the arm with which it is compared."""
     beside = log["after" if effect["identified"] else "before"]
     apart = np.abs(effect["tau"] - beside).max(axis=0) > 1e-3 * np.abs(beside).max()
     return {str(j): _short(effect["tau"][:, j]) for j in np.flatnonzero(apart)}
 
 
 def _moved(log: Mapping[str, Any], role: str) -> dict[str, Any]:
-    """A motion of the player: postures and, for each joint, the residual's size from 0 to 1."""
+    """A motion of the player: postures and, for each joint, |residual| relative to its maximum, 0 to 1."""
     residual = np.abs(log["tau"] - log[role])
     t = log["t"] - log["t"][0]
     grid = np.linspace(0.0, t[-1], max(2, int(t[-1] * FRAMES_PER_SECOND)))

@@ -1,7 +1,7 @@
-"""A matplotlib figure as inline SVG that follows the page: its colours in the light, in the dark and on paper.
+"""Matplotlib figures as inline SVG with the colours of the page: light mode, dark mode and print.
 
 The colours are those of Okabe and Ito (jfly.uni-koeln.de/color), which remain distinct for the common kinds of colour blindness,
-darkened or lightened where the page's background asks for contrast; `before`, `refit` and `after` also differ in their dashes.
+darkened or lightened where the page's background requires contrast. `before`, `refit` and `after` also differ in their dashes.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from matplotlib.figure import Figure
 from matplotlib.legend import Legend
 from matplotlib.text import Text
 
-# role -> the colour that a figure is drawn with; page.css gives each role its colour in the light and in the dark
+# role -> the colour that a figure is drawn with; page.css gives each role its colour in light and dark mode
 ROLES = {
     "ink": "#1b1f24",
     "muted": "#5f6770",
@@ -64,11 +64,11 @@ _XLINK = "{http://www.w3.org/1999/xlink}href"
 _LONG_NUMBER = re.compile(r"(?<![\w#.-])(-?\d+\.\d\d)\d+(?![\w.])")
 _count = itertools.count(1)
 WIDTH = 10.5  # inches
-GAP = 20.0  # steps between two samples that are no neighbours
+GAP = 20.0  # median steps; a longer one is a gap in the line
 
 
 def axes(rows: int = 1, columns: int = 1, height: float = 2.4, **options: Any) -> tuple[Figure, np.ndarray]:
-    """A figure of the house with rows x columns axes (always a 2-D array); `height` is that of one row, inches."""
+    """A figure in the style of the pages with rows x columns axes (always a 2-D array); height: of one row, inches."""
     with matplotlib.rc_context(_STYLE):
         figure = Figure(figsize=(WIDTH, height * rows), layout="constrained")
         grid = figure.subplots(rows, columns, squeeze=False, **options)
@@ -78,16 +78,16 @@ def axes(rows: int = 1, columns: int = 1, height: float = 2.4, **options: Any) -
 def mosaic(
     layout: Sequence[Sequence[str]], width: float = WIDTH, height: float = 2.4, **options: Any
 ) -> tuple[Figure, dict[str, Axes]]:
-    """A figure of the house with named axes (matplotlib's subplot_mosaic); inches, `height` is that of one row."""
+    """A figure in the style of the pages with named axes (matplotlib's subplot_mosaic); inches, height: of one row."""
     with matplotlib.rc_context(_STYLE):
         figure = Figure(figsize=(width, height * len(layout)), layout="constrained")
         return figure, figure.subplot_mosaic([list(row) for row in layout], **options)
 
 
 def svg(figure: Figure, title: str, playheads: Sequence[Axes] = ()) -> Markup:
-    """`figure` as inline SVG without style attributes, with `title` for those who cannot see it.
+    """`figure` as inline SVG without style attributes, with `title` as its text alternative.
 
-    Axes in `playheads`, which have time along x, get an upright line that the player of a plan moves.
+    Axes in `playheads`, which have time along x, get a vertical line that the player of a plan moves.
 
     Every inline style becomes a presentation attribute or a class, so that the page needs no exception from its content policy.
     """
@@ -121,13 +121,13 @@ def svg(figure: Figure, title: str, playheads: Sequence[Axes] = ()) -> Markup:
     label.text = title
     root.insert(0, label)
     root.extend(_playhead(figure, ax) for ax in playheads)
-    for element in root.iter():  # what is written on a figure keeps its digits
+    for element in root.iter():  # text in a figure keeps its digits
         element.attrib.update({key: _LONG_NUMBER.sub(r"\1", value) for key, value in element.attrib.items()})
     return Markup(re.sub(r"\s*\n\s*", "\n", ElementTree.tostring(root, encoding="unicode")))
 
 
 def name(ax: Axes, title: str = "", x: str = "", y: str = "") -> None:
-    """Title and axis labels in the manner of the house: small, at the left, units in brackets."""
+    """Set the title (small, at the left) and the axis labels (units in brackets)."""
     if title:
         ax.set_title(title, loc="left", fontsize=9)
     ax.set_xlabel(x)
@@ -135,9 +135,9 @@ def name(ax: Axes, title: str = "", x: str = "", y: str = "") -> None:
 
 
 def draw_line(ax: Axes, x: np.ndarray, y: np.ndarray, points: int = 500, **style: Any) -> None:
-    """A line over ascending x of at most 2 * `points` points that keeps the extremes of every stretch, so that no peak is lost on the page.
+    """Draw a line over ascending x, thinned by `envelope` so that no peak is lost on the page.
 
-    Where x has a gap, the line has one.
+    A gap in x is a gap in the line.
     """
     x, y = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
     steps = np.diff(x)
@@ -148,9 +148,9 @@ def draw_line(ax: Axes, x: np.ndarray, y: np.ndarray, points: int = 500, **style
 
 
 def envelope(y: np.ndarray, points: int) -> np.ndarray:
-    """Indices of the least and the greatest value of each of `points` stretches of y (N,), in order; all if N is small.
+    """Ascending indices of the ends of y (N,) and of the least and greatest value in each of `points` sections; all if N <= 2 * points.
 
-    A stretch with a NaN keeps it, so that a hole in the data stays a hole on the page.
+    A section with a NaN keeps it, so that a gap in the data stays a gap on the page.
     """
     y = np.asarray(y, dtype=float)
     if len(y) <= 2 * points:

@@ -35,11 +35,11 @@ def write(path: str | Path, address: str, fleet: Fleet) -> Path:
         page.section("Which arms deviate, in what, since when").table(
             ["arm", "what", "joint", "how large", "since"],
             deviating,
-            "what `calib diagnose` identified, and what is unlike the siblings",
+            "what `calib diagnose` identified, and what differs from the siblings",
         )
     if refit := refit_rows(fleet):
         page.section("What the fit moved far from the model's values").table(
-            ["arm", "what"], refit, "no deviation by itself: whether it is a change, siblings or a baseline show"
+            ["arm", "what"], refit, "not a deviation by itself: siblings or a baseline show whether it is a change"
         )
     if trouble:
         page.section("What could not be assessed, and why").table(["arm", "what", "why"], trouble)
@@ -48,15 +48,15 @@ def write(path: str | Path, address: str, fleet: Fleet) -> Path:
         if family:
             page.section(f"How the arms of {model} differ").figure(
                 _scores(family),
-                f"Every number of every {model}, in standard deviations from what its siblings lead one to expect. Beyond the dashed lines "
-                f"({OUTLIER:g}) an arm is unlike the others. An arm's own uncertainty is taken into account.",
+                f"Every parameter of every {model}, in standard deviations from the value expected from its siblings. Beyond the dashed lines "
+                f"({OUTLIER:g}) an arm differs from the others. An arm's own uncertainty is taken into account.",
             )
             page.figure(
                 _spread(family),
-                "Friction, offset and reflected inertia of every joint: each arm's own estimate (circle), and with the siblings' help (dot).",
+                "Friction, offset and reflected inertia of every joint: each arm's own estimate (circle), and the estimate with its siblings (dot).",
             )
     headers = ["arm", "status", "logs", "minutes", "residual share", "verdict", "largest deviation from siblings"]
-    page.section("Every arm").table(headers, arm_rows(fleet), "each has a folder of its own below arms/")
+    page.section("Every arm").table(headers, arm_rows(fleet), "each has its own folder below arms/")
     return page.write(path)
 
 

@@ -1,4 +1,4 @@
-"""The page of `calib identify`: what the fit was worth on logs it had not seen, and every number with its uncertainty."""
+"""The page of `calib identify`: how well the fit predicts logs that it has not seen, and every parameter with its uncertainty."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def write(path: str | Path, result: Mapping[str, Any], evidence: Mapping[str, An
     if arm is not None:
         page.section("Look at the residual")
         explorer.add(page, arm, [evidence], ("before", "after"), {"before": "nominal arm", "after": "identified arm"})
-    seen = "a log that the fit had not seen" if held_out else "a log that the fit was made from (no log was held out)"
+    seen = "a log that the fit had not seen" if held_out else "a log of the fit itself (no log was held out)"
     page.section("Torque, measured and predicted").figure(
         pictures.torques(names, t, tau, predicted),
         f"On {evidence['log']}, {seen}: the nominal arm (before) and the fitted one (after).",
@@ -47,7 +47,7 @@ def write(path: str | Path, result: Mapping[str, Any], evidence: Mapping[str, An
             names[worst], t, q[:, worst], dq[:, worst], predicted["after"][:, worst],
             {role: value[:, worst] for role, value in residuals.items()},
         ),
-        f"Residual at {names[worst]}, the joint with the largest share: structure here is missing from the model; calib diagnose identifies it.",
+        f"Residual at {names[worst]}, the joint with the largest share: structure here is missing from the model; calib diagnose can identify it.",
     )  # fmt: skip
     _gaps(page, result)
     _parameters(page, result)
@@ -139,7 +139,7 @@ def _label(estimate: Mapping[str, Any]) -> str:
 
 
 def _numbers(estimate: Mapping[str, Any]) -> list[float | None]:
-    """Value, standard deviation and interval; what the data alone put out of bounds is no estimate."""
+    """Value, standard deviation and interval; no value or deviation if the data alone put it below its bound."""
     if estimate["lower"] is not None and estimate["value"] < estimate["lower"]:
         return [None, None, estimate["lower"], max(_edge(estimate, 1) or 0.0, estimate["lower"])]
     return [estimate["value"], estimate["std"], _edge(estimate, -1), _edge(estimate, 1)]
@@ -150,7 +150,7 @@ def _edge(estimate: Mapping[str, Any], side: int) -> float | None:
 
 
 def _note(estimate: Mapping[str, Any], of_link: bool) -> str:
-    single = " by itself" if of_link else ""  # torques depend on links' parameters in combinations
+    single = " by itself" if of_link else ""  # torques depend on combinations of the links' parameters
     notes = [] if estimate["identifiable"] else [f"not identifiable from this data{single}"]
     written, std = estimate.get("written"), estimate["std"]
     if written is not None and std is not None and abs(written - estimate["value"]) > std:

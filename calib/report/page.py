@@ -1,7 +1,7 @@
-"""One page, one file: a result as a sentence, then pictures, then tables; opens offline and asks the network for nothing.
+"""A page in one file: the result as a sentence, then pictures, then tables; it opens offline and makes no network requests.
 
-Everything that comes from a log or a file name is escaped (Jinja2 autoescape); the content policy is `default-src 'none'` with
-the SHA-256 of the page's own style and script, so that nothing else could run even if it were there.
+All text from a log or a file name is escaped (Jinja2 autoescape). The content security policy is `default-src 'none'` with the SHA-256
+of the page's own style and script, so that injected code would not run.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from calib.terminal.console import cell, plain
 from sim.version import software_version
 
 Verdict = Literal["good", "bad", "open", "found"]
-# of identify and validate; any other of theirs is bad
+# verdicts of identify and validate; any other is bad
 _VERDICTS: dict[str, Verdict] = {"good": "good", "poor": "open"}
 BADGES: dict[str, str] = {"good": "✓", "bad": "✕", "open": "?", "found": "!"}
 _FOLDER = Path(__file__).resolve().parent
@@ -36,7 +36,7 @@ _TEMPLATES = jinja2.Environment(
 
 
 def mark_of(result: Mapping[str, Any]) -> Verdict:
-    """The mark of an identification or a validation: none is good whose friction drives a joint."""
+    """The mark of an identification or a validation; never good if friction drives a joint."""
     driven = any(claim.get("claim") == "driving" for claim in result.get("claims", []))
     mark = _VERDICTS.get(str(result["verdict"]), "bad")
     return "found" if driven and mark == "good" else mark
@@ -51,8 +51,8 @@ class _Section:
 class Page:
     """A page with its title, its result as a sentence, and sections that are filled from top to bottom.
 
-    `verdict` colours and marks the sentence: good, bad, open (not settled), found (a gap that has a name), or none; `facts` are label and value pairs under it.
-    Every method that adds something returns the page. Text is text: it is escaped, never markup.
+    verdict: colours and marks the sentence: good, bad, open (not settled), found (a gap with a named cause), or None. facts: (label,
+    value) pairs under it. Every method that adds something returns the page. Text is always escaped, never markup.
     """
 
     def __init__(
@@ -71,31 +71,31 @@ class Page:
         self._data: dict[str, str] = {}
 
     def section(self, heading: str, text: str = "") -> Self:
-        """Begin a section; what is added next stands in it."""
+        """Begin a section, to which the following content is added."""
         self._sections.append(_Section(heading))
         return self.text(text) if text else self
 
     def text(self, paragraph: str) -> Self:
-        """A paragraph."""
+        """Add a paragraph."""
         return self._add(_marked(paragraph), "<p>{}</p>")
 
     def items(self, sentences: Iterable[str]) -> Self:
-        """A list of sentences."""
+        """Add a list of sentences."""
         body = Markup("").join(Markup("<li>{}</li>").format(_marked(s)) for s in sentences)
         return self._add(body, "<ul>{}</ul>") if body else self
 
     def aside(self, heading: str, sentences: Sequence[str]) -> Self:
-        """A panel that catches the eye: what to do with the result."""
+        """Add a highlighted panel, such as what to do with the result."""
         body = Markup("").join(Markup("<li>{}</li>").format(_marked(s)) for s in sentences)
         return self._add(Markup("<aside><h2>{}</h2><ul>{}</ul></aside>").format(heading, body))
 
     def figure(self, figure: Figure | Markup, caption: str) -> Self:
-        """A matplotlib figure (see calib.report.figure.axes) or trusted SVG, and the sentence that says what it shows."""
+        """Add a matplotlib figure (see calib.report.figure.axes) or trusted SVG, with a caption."""
         drawing = svg(figure, caption) if isinstance(figure, Figure) else figure
         return self._add(Markup("<figure>{}<figcaption>{}</figcaption></figure>").format(drawing, caption))
 
     def table(self, headers: Sequence[str], rows: Iterable[Sequence[Any]], caption: str = "", fold: bool = False) -> Self:
-        """A table that sorts on a click on its headers; numbers keep their value and show four digits; `fold` closes it at first."""
+        """Add a table that sorts on a click on its headers; numbers show four digits and sort by their full value. fold: initially closed."""
         body = [[(cell(v), _key(v), isinstance(v, int | float)) for v in row] for row in rows]
         for row in body:
             if len(row) != len(headers):
@@ -104,7 +104,7 @@ class Page:
         return self._add(Markup(html))
 
     def embed(self, html: Markup, script: str = "", style: str = "", data: dict[str, Any] | None = None) -> Self:
-        """Trusted markup with its own script, style and data (read by the script from `<script type="application/json" id=...>`)."""
+        """Add trusted markup with its own script, style and data (read by the script from `<script type="application/json" id=...>`)."""
         self._scripts += [script] if script else []
         self._styles += [style] if style else []
         for name, value in (data or {}).items():
@@ -143,17 +143,17 @@ class Page:
 
 
 def _marked(sentence: str) -> Markup:
-    """Escaped text whose `commands` are set as code."""
+    """Escaped text with `commands` set as code."""
     return Markup(re.sub("`([^`]+)`", r"<code>\1</code>", str(escape(sentence))))
 
 
 def template(name: str) -> jinja2.Template:
-    """A template of the house; it escapes whatever it is given that is not Markup."""
+    """A template of the pages; it escapes everything that is not Markup."""
     return _TEMPLATES.get_template(name)
 
 
 def asset(name: str) -> str:
-    """A script or style that stands in a page as it is."""
+    """A script or style that is embedded unchanged in a page; ValueError if it would end its own element."""
     text = (_FOLDER / "assets" / name).read_text(encoding="utf-8")
     if "</" + "script" in text or "</" + "style" in text:
         raise ValueError(f"{name} would end its own element on the page")

@@ -24,7 +24,7 @@ def torques(
     unit: str = "N m",
     words: Mapping[str, str] = WORDS,
 ) -> Figure:
-    """A row for each joint: measured with the predictions at the left, what they leave at the right.
+    """A row per joint: measured and predicted on the left, the residuals on the right.
 
     t (N,) s; tau (N, n), torques or any other measured quantity in `unit`; predicted: role (before, refit, after) -> (N, n);
     words: what each role is called in the legend.
@@ -45,9 +45,9 @@ def torques(
 
 
 def against(ax: Axes, x: np.ndarray, residuals: Mapping[str, np.ndarray]) -> None:
-    """Mean and 10-90 % band of each residual in bins of x that hold equally many samples, over a thin scatter of samples.
+    """Mean and 10-90 % band of each residual in bins of x with equally many samples, over a sparse scatter of samples.
 
-    x (N,); residuals: role -> (N,). Bins of equal count keep a rarely visited end of x from looking as sure as the middle.
+    x (N,); residuals: role -> (N,). With equal counts a rarely visited end of x does not look as certain as the middle.
     """
     order = np.argsort(x, kind="stable")
     groups = [part for part in np.array_split(order, min(_BINS, max(1, len(x) // 8))) if len(part)]
@@ -72,7 +72,7 @@ def where(
     residuals: Mapping[str, np.ndarray],
     unit: str = "N m",
 ) -> Figure:
-    """One joint's residual over time, speed, position and load: four pictures that show on which of them it depends.
+    """One joint's residual over time, speed, position and load: four panels that show on which of them it depends.
 
     t q dq load (N,): s, rad, rad/s and the model's torque; residuals: role -> (N,).
     """
@@ -118,7 +118,7 @@ def gaps(joint_names: Sequence[str], levels: Mapping[str, np.ndarray]) -> Figure
 
 
 def evidence(labels: Sequence[str], scores: Sequence[float], chosen: Sequence[bool], threshold: float) -> Figure:
-    """Scores on a logarithmic axis from the greatest to the least; the dashed line is what a name must reach; the chosen are filled."""
+    """Scores on a logarithmic axis; the dashed line is the threshold for naming an effect; the chosen ones are filled."""
     figure, grid = axes(1, 1, height=0.28 * len(labels) + 0.7)
     ax = grid[0, 0]
     least = 0.3 * threshold
@@ -135,12 +135,12 @@ def evidence(labels: Sequence[str], scores: Sequence[float], chosen: Sequence[bo
     ax.minorticks_off()
     ax.set_yticks(range(len(labels)), labels=list(labels))
     ax.set_ylim(len(labels) - 0.5, -0.5)
-    name(ax, x="evidence: fall of −2 log likelihood; dashed: what a name must bring")
+    name(ax, x="evidence: fall of −2 log likelihood; dashed: threshold for a name")
     return figure
 
 
 def intervals(labels: Sequence[str], value: np.ndarray, std: np.ndarray, nominal: np.ndarray) -> Figure:
-    """Estimates against nominal in units of each one's standard deviation: how far the data moved a number, and how surely.
+    """(value - nominal) / std of each parameter: how far the data moved it, and how certainly.
 
     value, std, nominal (P,); the bar is the 95 % interval, the line at 0 the nominal value. The axis is symmetric-logarithmic.
     """

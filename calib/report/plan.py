@@ -41,9 +41,9 @@ def write(
 ) -> Path:  # fmt: skip
     """Write the preview of a plan; returns its path.
 
-    clearance  distances in the cell, without which no clearance is drawn and the page says so
-    worth      what the plan is good for: `condition` number, `identified` and `not_identified`: names of parameters, the number after
-               whose first _ counts the joints from 1, `notes`: sentences; every key may be missing
+    clearance  distances in the cell; without them no clearance is drawn, which the page states
+    worth      what the plan achieves: `condition` number; `identified` and `not_identified`, names of parameters, whose first term ends in
+               the joint's number from 1; `notes`, sentences; every key is optional
     """
     worth = worth or {}
     looks = {motion.name: looks_along(arm, motion.trajectory, clearance) for motion in motions}
@@ -142,7 +142,7 @@ def _facts(looks: Mapping[str, Looks], total: float, worth: Mapping[str, Any]) -
 
 def _caption(motion: NamedMotion) -> str:
     kind = "" if motion.kind == motion.name else f" ({motion.kind})"
-    return f"{motion.name}{kind}: dotted red lines are limits; the upright line is the moment that the player shows."
+    return f"{motion.name}{kind}: dotted red lines are limits; the vertical line is the moment that the player shows."
 
 
 def _motions(page: Page, motions: Sequence[NamedMotion], looks: Mapping[str, Looks]) -> None:
@@ -170,7 +170,7 @@ def _worth(page: Page, arm: Arm, worth: Mapping[str, Any]) -> None:
         return
     page.text(
         f"{len(lists[0])} of {sum(map(len, lists))} parameters improve over their nominal values; the others are held at "
-        "nominal, because no motion of this plan shows them well enough."
+        "nominal, because no motion of this plan excites them enough."
     )
     rows = [
         [joint, *(", ".join(_parameter_text(n) for n in names if _joint(n) == k) or None for names in lists)]
@@ -180,7 +180,7 @@ def _worth(page: Page, arm: Arm, worth: Mapping[str, Any]) -> None:
         ["joint", "improves", "held at nominal"],
         rows,
         "m: mass; mcx, mcy, mcz: mass times centre of mass; I: inertia about the joint's origin, of the link that the joint moves. "
-        "*: only in a sum with others, which stands in plan.toml.",
+        "*: only in a sum with others, which plan.toml states.",
     )  # fmt: skip
 
 

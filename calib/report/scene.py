@@ -17,8 +17,7 @@ STICK = 0.02
 def scene(arm: Arm, cell: Cell | None) -> dict[str, Any]:
     """links (parent, rotation, position, axis, prismatic), shapes (name, link, kind, size, rotation, position, mesh) and size m of the arm.
 
-    Links without a shape are drawn as sticks between their joints, so that a bare model is seen too. An obstacle's link is None;
-    obstacles that are meshes are not drawn.
+    An arm without any shapes is drawn as sticks between its joints. An obstacle's link is None; obstacles that are meshes are not drawn.
     """
     tree = arm.tree
     links = [

@@ -1,4 +1,4 @@
-"""session.html: one page for a guided session, written anew after every step."""
+"""session.html: one page for a guided session, rewritten after every step."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ PAGES = ("plan.html", "report.html")
 
 def write(session: GuidedSession) -> Path:
     """Write the page of a session into its folder; returns its path."""
-    # a complete session is what its diagnosis found; an open one is where it stands
+    # a complete session shows what its diagnosis found; an open one its last step
     diagnoses = [d for d in session.commands if d.name.startswith("diagnose")] if session.closed else []
     last = next(reversed(diagnoses or session.commands), None)
     sentence = f"{last.sentence[:1].upper()}{last.sentence[1:]}" if last else "Nothing was done yet"
@@ -55,7 +55,7 @@ def write(session: GuidedSession) -> Path:
 
 
 def _again(session: GuidedSession) -> list[str]:
-    """The command of each step that ended well, without its folder: that is a run already, and none is overwritten."""
+    """The command of each step that succeeded, without --out: that folder is already a run, and runs are never overwritten."""
     lines = []
     for done in session.done:
         if session.finished(done.name) is done:
@@ -70,12 +70,12 @@ def _style(session: GuidedSession) -> Verdict:
     """The mark of the last diagnosis."""
     try:
         return diagnosis.style(answer(guided.last_diagnosis(session)))
-    except (KeyError, TypeError, ValueError, IndexError, AttributeError):  # a file that somebody changed
+    except (KeyError, TypeError, ValueError, IndexError, AttributeError):  # an edited file
         return "open"
 
 
 def _next(session: GuidedSession) -> list[str]:
-    """What the session leaves to do, as `calib go` prints it at its end; of an open one, how it is continued."""
+    """What remains to do, as `calib go` prints it at its end; for an open session, how to continue it."""
     if not session.closed:
         return [f"Continue it: calib go {session.cell}"]
     return [

@@ -1,4 +1,4 @@
-"""tracking.html of `calib demo`: how the arm follows a motion under the torque of the nominal model, of the calibrated one, and of the truth."""
+"""tracking.html of `calib demo`: how the arm follows a motion with the torque of the nominal, the calibrated and the true model."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from calib.validation.tracking import Tracking
 
 FILE = "tracking.html"
 WORSE = 0.05  # relative rise of a joint's error
-LEAST_GAIN = 0.95  # of the error before, that the truth itself leaves
+LEAST_GAIN = 0.95  # share of the nominal error; if the true model leaves more, there is nothing to gain
 STYLE = {"nominal": LINE["before"], "calibrated": LINE["after"], "the truth itself": LINE["measured"]}
 
 
 def sentence(joints: Sequence[str], followed: Mapping[str, Tracking]) -> str:
-    """What calibration changed in how the arm follows, and whether there was anything to gain."""
+    """How calibration changed the tracking, and whether there was anything to gain."""
     before, after, truth = followed["nominal"], followed["calibrated"], followed["the truth itself"]
     errors = {significant(1e3 * t.rms) for t in (before, after, truth)}
     if len(errors) == 1:
@@ -39,7 +39,7 @@ def sentence(joints: Sequence[str], followed: Mapping[str, Tracking]) -> str:
 def write(
     folder: Path, arm: str, joints: Sequence[str], followed: Mapping[str, Tracking], hidden: str, rows: Sequence[Sequence[Any]]
 ) -> Path:
-    """The page of one demo; rows are those of `calib.demo.Reveal`. Returns its path."""
+    """Write the page of one demo; rows: those of `calib.demo.Reveal`; returns its path."""
     before, after = followed["nominal"], followed["calibrated"]
     ratio = after.rms / before.rms
     facts = [
@@ -50,8 +50,8 @@ def write(
     page = Page(arm, sentence(joints, followed), "good" if ratio < 1 else "found", facts, "tracking")
     page.section(
         "Under computed torque",
-        "The controller adds the torque that its model predicts for the motion to a weak feedback, which is the same for every model. What the "
-        "model does not supply, the feedback has to: by an error that is in proportion.",
+        "The controller adds the torque that its model predicts for the motion to a weak feedback, which is the same for every model. The "
+        "feedback must supply what the model does not, with an error in proportion.",
     )
     figure, grid = axes(2, 1, height=2.0, sharex=True)
     for model, t in followed.items():

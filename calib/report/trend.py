@@ -25,7 +25,7 @@ def write(path: Path, arm: str, runs: list[RunRecord], slopes: list[Slope], sent
     page = Page(arm, sentence, "found" if worn else "good" if has_interval else "open", facts, "trend")
     page.section(
         "Friction, run by run",
-        "Each point is a run with its 95 % interval. The line is the smoothed course of the friction at the runs' mean temperature, with its 95 % band.",
+        "Each point is a run with its 95 % interval. The line is the smoothed friction at the runs' mean temperature, with its 95 % band.",
     )
     by_day = over_days(runs)
     joints = list(dict.fromkeys(s.joint for s in slopes))

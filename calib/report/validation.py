@@ -56,7 +56,7 @@ def write(path: str | Path, result: Mapping[str, Any], evidence: Sequence[Mappin
 
 def _curves(page: Page, names: Sequence[str], curves: Mapping[str, Any]) -> None:
     t, tau, tau_hat, q, dq = (np.asarray(curves[k], float) for k in ("t", "tau", "tau_hat", "q", "dq"))
-    if not len(t):  # nothing of the log was usable; the table says so
+    if not len(t):  # no row of the log was usable; the table shows this
         return
     page.section(f"Torque, measured and predicted: {curves['log']}").figure(
         pictures.torques(names, t, tau, {"after": tau_hat}, words=_WORDS), f"On {curves['log']}."
@@ -80,7 +80,7 @@ def _facts(result: Mapping[str, Any]) -> list[tuple[str, Any]]:
 
 
 def _share(entry: Mapping[str, Any], k: int) -> float | None:
-    """Residual over signal; None where the joint did not move or nothing of it was usable."""
+    """Residual over signal; None if the joint did not move or none of its rows was usable."""
     left, signal = entry["residual"][k], entry["signal"][k]
     return left / signal if left is not None and signal else None
 
@@ -95,5 +95,5 @@ def _milli(value: float | None) -> float | None:
 
 
 def _verdict(result: Mapping[str, Any]) -> Verdict | None:
-    """The mark before the headline; none where nothing was compared with a limit."""
+    """The mark before the headline; None if nothing was compared with a limit."""
     return mark_of(result) if "verdict" in result else None

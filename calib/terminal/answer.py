@@ -1,4 +1,4 @@
-"""Standard output that may be lost while the work goes on: its reader has gone (`| head`), its disk is full, or it was closed (`>&-`)."""
+"""Standard output that may fail while the command continues: its reader has gone (`| head`), its disk is full, or it was closed (`>&-`)."""
 
 from __future__ import annotations
 
@@ -9,17 +9,17 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
-GONE = 141  # of a program that the signal PIPE ended, which a shell expects where the reader of an answer has gone
+GONE = 141  # exit code after the signal PIPE, which a shell expects if the reader of the output has gone
 
 
 class StandardOutput(io.FileIO):
-    """The file behind a standard output; the first error of writing is kept in `lost`, and what follows is dropped."""
+    """The file behind standard output; the first write error is kept in `lost`, and later output is dropped."""
 
     lost: OSError | None = None
     closed_from_start = False
 
     def write(self, data: Any) -> int | None:  # type: ignore[override]  # None is FileIO's own, of a pipe that would block
-        """The number of bytes; never an error."""
+        """Write, and return the number of bytes; write errors are not raised."""
         if self.closed_from_start:
             self.lost = OSError("it is closed")
         try:
@@ -31,7 +31,7 @@ class StandardOutput(io.FileIO):
 
 @contextmanager
 def replaced() -> Iterator[None]:
-    """While the block runs, standard output writes to an `StandardOutput`; after it nothing is left that Python could fail to flush at its end."""
+    """While the block runs, standard output writes to a `StandardOutput`; afterwards everything is flushed, so Python's flush at exit cannot fail."""
     before = sys.stdout
     if before is sys.__stdout__:
         sys.stdout = _stream()
@@ -48,14 +48,14 @@ def replaced() -> Iterator[None]:
 
 
 def lost() -> OSError | None:
-    """Why standard output could not be written; None where it could."""
+    """The error of writing standard output; None if there was none."""
     sys.stdout.flush()
     return getattr(getattr(getattr(sys.stdout, "buffer", None), "raw", None), "lost", None)
 
 
 def _stream() -> io.TextIOWrapper:
     own = sys.__stdout__
-    if own is None:  # the lowest free number is then that of the standard output, which no file or process started here may get
+    if own is None:  # devnull takes the descriptor of standard output, so that no other file or child process gets it
         raw = StandardOutput(os.open(os.devnull, os.O_WRONLY), "w")
         raw.closed_from_start = True
         return io.TextIOWrapper(io.BufferedWriter(raw))

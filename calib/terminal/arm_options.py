@@ -1,4 +1,4 @@
-"""Options of the commands that make an arm, and the numbers in them."""
+"""Options of the commands that create an arm, and the parsing of their numbers."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ Drive = Annotated[
     typer.Option(
         "--drive",
         metavar="KEY=N[,N...]",
-        help="What a data sheet or a bench says of the drives, one number for all joints or one each: coulomb (N m), viscous (N m s/rad), inertia "
+        help="Data of the drives, from a data sheet or a bench, one number for all joints or one each: coulomb (N m), viscous (N m s/rad), inertia "
         "(kg m^2, reflected to the joint). Repeatable.",
     ),
 ]
@@ -49,7 +49,7 @@ Spring = Annotated[
     typer.Option(
         "--spring",
         metavar="JOINT=K,Q0",
-        help="A spring or counterbalance that carries a joint: stiffness K (N m/rad) and the angle Q0 (rad) without torque; model files seldom have it. "
+        help="A spring or counterbalance at a joint: stiffness K (N m/rad) and the angle Q0 (rad) of zero torque; model files seldom have it. "
         "Repeatable.",
     ),
 ]
@@ -67,7 +67,7 @@ def numbers_of(option: str, text: str) -> tuple[str, list[float]]:
     try:
         return key, [float(x) for x in numbers.split(",")]
     except ValueError:
-        raise ConfigError(f"{option} {text}: write KEY=N for all joints, or KEY=N,N,... with one number a joint") from None
+        raise ConfigError(f"{option} {text}: write KEY=N for all joints, or KEY=N,N,... with one number per joint") from None
 
 
 def locked_joint(text: str) -> tuple[str, float]:

@@ -1,4 +1,4 @@
-"""A person at the terminal says whether a guess of a table's columns is right."""
+"""Asks the person at the terminal whether the guessed columns of a table are right."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from sim.errors import ConfigError
 
 
 def confirm_columns(chosen: ColumnMap, doubts: Sequence[str], table: Table, kept: Path) -> None:
-    """Show the guess and ask; ConfigError where nobody answers, or the answer is no."""
+    """Show the guess and ask; ConfigError if nobody answers, or the answer is no."""
     rows = [["time", chosen.time or "", chosen.time_unit]]
     rows += [[name, ", ".join(part.columns), part.unit] for name, part in chosen.channels.items()]
     for row in (["joints", ", ".join(chosen.joints), ""], *rows, ["not used", ", ".join(idle(chosen, table)) or "none", ""]):
@@ -23,8 +23,8 @@ def confirm_columns(chosen: ColumnMap, doubts: Sequence[str], table: Table, kept
         console.warn(f"  doubtful: {doubt}")
     if not sys.stdin.isatty():
         raise ConfigError(
-            f"these meanings of the columns are a guess from their names; check {kept} and import again with --map {kept}, or accept "
-            "the guess with --yes; an --out that was given is a run now: name another one"
+            f"the meanings of the columns were guessed from their names; check {kept} and import again with --map {kept}, or accept "
+            "the guess with --yes; a folder given with --out is now a run: name another one"
         )
     if console.ask("calib: is this what the columns mean? [y/N] ").strip().lower() not in ("y", "yes"):
         raise ConfigError(f"nothing was imported; correct {kept} and import again with --map {kept} and another --out")

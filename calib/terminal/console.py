@@ -1,4 +1,4 @@
-"""One voice on the terminal: answers go to standard output, progress and complaints to standard error.
+"""Everything that is printed: answers go to standard output, progress and warnings to standard error.
 
 With `--json`, standard output is one JSON document and nothing else, so that `calib ... --json | jq` always works.
 """
@@ -30,24 +30,24 @@ if TYPE_CHECKING:
     from drivers.driver import Driver
     from sim.cell import Cell
 
-# of --quiet: neither tables and sentences nor progress, only warnings, errors, questions, and JSON where it was requested
+# --quiet: no tables, sentences or progress, only warnings, errors, questions, and JSON if requested
 QUIET: ContextVar[bool] = ContextVar("quiet", default=False)
-_BARS: list[Progress] = []  # what `progress` draws now
+_BARS: list[Progress] = []  # the bars that `progress` draws now
 # JSON escapes C0 by itself; C1, bidirectional marks and lone surrogates would reach a terminal
 _STEERING = re.compile("[\x7f-\x9f\u061c\u200b-\u200f\u2028-\u202e\u2060-\u206f\ud800-\udfff\ufeff]")
 
 
 def conclusion(first: str, more: Iterable[str]) -> None:
-    """What a run found: `more` sentences as a list, then the one that answers the question, where the eye ends."""
+    """Print what a run found: `more` sentences as a list, then `first`, which answers the question, as the last line."""
     for sentence in more:
         say(f"- {capital(sentence).rstrip('.')}.")
     say(f"{capital(first)}.")
 
 
 def say(sentence: str) -> None:
-    """A sentence for the person, on standard output; brackets and file names stand as they are.
+    """Print a sentence on standard output; brackets and file names are printed as they are.
 
-    On a terminal it is wrapped between words, below its own indentation; what is meant to be copied is printed by `copyable`.
+    On a terminal it is wrapped between words, with its own indentation. Text to be copied is printed by `copyable`.
     """
     if QUIET.get():
         return
@@ -55,52 +55,52 @@ def say(sentence: str) -> None:
 
 
 def copyable(line: str) -> None:
-    """A line to be copied, such as a command or a path, on standard output: whole, however long."""
+    """Print a line to be copied, such as a command or a path, on standard output; it is never wrapped."""
     if QUIET.get():
         return
     _print(_out(), printable(line))
 
 
 def next_step(words: Sequence[str | Path]) -> None:
-    """The command to type next, whole, to be copied."""
+    """Print the command to type next, to be copied."""
     copyable(f"next: {command_line(words)}")
 
 
 def command_line(words: Sequence[str | Path]) -> str:
-    """A command of this program as a shell takes it; names in capitals, which the person fills in, stay as they are."""
+    """A command of this program, quoted for a shell; names in capitals, which the person fills in, stay unchanged."""
     return shlex.join(["calib", *map(str, words)])
 
 
 def warn(sentence: str) -> None:
-    """A sentence that must be seen, on standard error, so that it never mixes with an answer; no failure where nobody can read it any more."""
+    """Print a warning on standard error, so that it never mixes with an answer; a closed standard error is not a failure."""
     with suppress(OSError):
         _print(_err(), _wrapped(f"calib: {sentence}", _err()))
 
 
 def warn_assumed(cell: Cell) -> None:
-    """What a cell file takes for granted, at the start of every command that talks to its device."""
+    """Print what a cell file assumes, at the start of every command that talks to its device."""
     for name, sentence in cell.assumed.items():
         warn(f"{cell.name} assumes {name}: {sentence}")
 
 
 def warn_control(cell: Cell, driver: Driver) -> None:
-    """What taking control of a device does to it, before it is done."""
+    """Print what taking control does to a device, before control is taken."""
     if driver.control:
         warn(f"takes control of {cell.name}: {driver.control}")
 
 
 def warn_watched(cell: Cell, alone: str) -> None:
-    """Whether a process of its own monitors the arm beside the one that moves it; alone: why there is none."""
+    """Print whether a separate process monitors the arm; alone: why there is none, empty if there is one."""
     if alone:
         warn(
-            f"{cell.name} has no monitor process: {alone}; where the control process hangs, only the device's own watchdog is left"
+            f"{cell.name} has no monitor process: {alone}; if the control process hangs, only the device's own watchdog remains"
         )
     else:
-        warn(f"{cell.name} has a monitor process: it stops the arm where the control process hangs or breaks a rule")
+        warn(f"{cell.name} has a monitor process: it stops the arm if the control process hangs or breaks a rule")
 
 
 def ask(question: str) -> str:
-    """What a person types after a question, on standard error so that it never mixes with an answer; "" where nobody answers."""
+    """Ask a question on standard error, so that it never mixes with an answer, and return what is typed; "" if nobody answers."""
     console, words = _err(), question.rstrip(" ")
     text = _wrapped(words, console) + question[len(words) :]
     with _without_bar():
@@ -108,12 +108,12 @@ def ask(question: str) -> str:
         try:
             return sys.stdin.readline().rstrip("\n")
         except KeyboardInterrupt:
-            console.print()  # what follows begins a line of its own
+            console.print()  # start a new line
             raise
 
 
 def table(headers: Sequence[str], rows: Iterable[Sequence[Any]], title: str | None = None) -> None:
-    """A table a person reads: numbers to the right with four digits, text to the left, nothing cut off, no wider than the terminal."""
+    """Print a table: numbers right-aligned with four digits, text left-aligned, nothing cut off, no wider than the terminal."""
     if QUIET.get():
         return
     body = [list(row) for row in rows]
@@ -140,7 +140,7 @@ def cell(value: Any) -> str:
 
 
 def share(x: float) -> str | None:
-    """As a percentage; None, which a table shows as nothing, where there is no number."""
+    """As a percentage; None for NaN, which a table shows as a dash."""
     return None if math.isnan(x) else f"{x:.1%}"
 
 
@@ -203,7 +203,7 @@ def progress(description: str, total: float | None = None) -> Iterator[Callable[
 
 @contextmanager
 def _without_bar() -> Iterator[None]:
-    """Takes the bar of `progress` away while the block runs: it is drawn again and again, over a question or after half a line."""
+    """Hide the bar of `progress` while the block runs: its redraws would overwrite a question or half a line."""
     bar = _BARS[-1] if _BARS else None
     if bar is not None:
         bar.stop()
@@ -225,24 +225,24 @@ def _is_number(value: Any) -> bool:
 
 
 def _own(value: Any) -> Any:
-    """NumPy's scalars and arrays as Python's numbers and lists, recognised by their methods: `calib --help` need not import NumPy."""
+    """NumPy's scalars and arrays as Python's numbers and lists, recognised by their methods, so that `calib --help` need not import NumPy."""
     return value.tolist() if hasattr(value, "tolist") else value
 
 
 def _wrapped(text: str, console: Console) -> str:
-    """`text` in lines that fit a terminal; elsewhere, and where it fits, as it is."""
+    """`text` in lines that fit a terminal; unchanged elsewhere."""
     return text_table.wrapped(printable(text), console.width) if console.is_terminal else printable(text)
 
 
 class Terminal(Console):
-    """A console that raises where its reader has gone; rich would end the program, whatever it was about to do."""
+    """A console that raises BrokenPipeError if its reader has gone; rich itself would end the program."""
 
     def on_broken_pipe(self) -> None:
         raise
 
 
 def _out() -> Console:
-    """Standard output; wide enough for any table where nobody looks, so that a file or a pipe gets whole lines."""
+    """Standard output; wide enough for any table unless it is a terminal, so that a file or a pipe gets whole lines."""
     return Terminal(file=sys.stdout, width=None if sys.stdout.isatty() else 400)
 
 

@@ -1,4 +1,4 @@
-"""A command that has commands of its own."""
+"""A command with subcommands."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typer.core import TyperGroup
 
 
 class Group(TyperGroup):
-    """Its help, where it is called with nothing; every command with the whole first sentence of its help, wrapped and not cut off."""
+    """Prints its help if called without arguments, and lists each subcommand with the whole first paragraph of its help, wrapped."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         rest: list[str] = super().parse_args(ctx, args or ["--help"])

@@ -1,4 +1,4 @@
-"""One key that stops the arm: `h`, read while the run goes on, without Enter."""
+"""One key that stops the arm: `h`, read during a run, without Enter."""
 
 from __future__ import annotations
 
@@ -16,11 +16,9 @@ WAIT = 0.05
 
 
 class HaltKey:
-    """While entered, listens to `stream`; without one, where it is no terminal, or in the background of one, it never asks for a stop.
+    """While entered, listens to `stream`. Without one, off a terminal, or in the background of one, it never requests a stop.
 
-    `listening` is whether it does.
-
-    Ctrl-C keeps its meaning. What the terminal was set to is restored at the end, however the end comes.
+    Ctrl-C keeps its meaning. The terminal's settings are restored at the end, however the run ends.
     """
 
     def __init__(self, stream: Any = None) -> None:
@@ -50,7 +48,7 @@ class HaltKey:
         return self._stream is not None
 
     def reason(self) -> str | None:
-        """That the key was pressed, or None."""
+        """The reason to stop once the key was pressed, or None."""
         return "the key h" if self._pressed else None
 
     def _listen(self) -> None:
@@ -67,8 +65,8 @@ class HaltKey:
 
 
 def _in_background(fd: int) -> bool:
-    """Whether another job of this terminal has its keys: who asks for them then is stopped by the system, without a word."""
+    """Whether this process is a background job of the terminal: the system silently stops such a process when it reads keys."""
     try:
         return os.tcgetpgrp(fd) != os.getpgrp()
-    except OSError:  # not the terminal that this process belongs to, so nobody's jobs
+    except OSError:  # not this process's own terminal, so it has no jobs here
         return False

@@ -1,6 +1,6 @@
-"""What is happening, while it happens: every joint against its limits, what is recorded, and how to stop, on one screen.
+"""The live view of a run on one screen: every joint against its limits, what is recorded, and how to stop.
 
-On a terminal a view that is redrawn ten times a second; elsewhere one plain line every few seconds. The same view replays a log.
+On a terminal the view is redrawn ten times a second; elsewhere it is one plain line every 5 s. The same view replays a log.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from safety.run_progress import RunProgress
 
 BAR = 9
-BARRED = 58  # characters beside a joint's name with bars and headers; where there is no room for them, the numbers stay
+BARRED = 58  # width in characters beside a joint's name with bars and full headers; a narrower terminal shows the numbers only
 REDRAW = 0.1
 PLAIN = 5.0
 _FILL = " ▏▎▍▌▋▊▉█"
@@ -40,8 +40,8 @@ _NEAR, _OVER = 0.8, 1.0
 class Snapshot:
     """One moment of a run; arrays (n,) in rad, rad/s, N m, degC, NaN where the device reports nothing.
 
-    stage says which of the staged runs this is ("2 of 3"), speed is its share of the planned speed; elapsed and duration s of the
-    motion, left s of the whole run; frames received and lost so far; disk_free bytes, None where nothing is recorded; note: the last
+    stage: which of the staged runs this is ("2 of 3"). speed: its share of the planned speed. elapsed, duration: s of the motion.
+    left: s of the whole run. frames, lost: received and lost so far. disk_free: bytes, None if nothing is recorded. note: the last
     event, as a sentence.
     """
 
@@ -63,9 +63,9 @@ class Snapshot:
 
 
 class LiveView:
-    """A context manager around a run; `update` may be called as often as one likes and draws as often as a person can read.
+    """A context manager around a run; `update` may be called at any rate and draws at a readable one.
 
-    keys: what can be pressed, and what it does; it stands at the bottom of the screen all the time.
+    keys: what can be pressed, and what it does; always shown at the bottom of the screen.
     """
 
     def __init__(
@@ -88,16 +88,16 @@ class LiveView:
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
         if self._live:
-            with suppress(OSError):  # the terminal may be what has gone; how the run ended counts
+            with suppress(OSError):  # the terminal may be gone; the outcome of the run must not be lost
                 self._live.stop()
 
     @property
     def due(self) -> bool:
-        """Whether the next moment would be drawn."""
+        """Whether the next snapshot would be drawn."""
         return self._now() >= self._due
 
     def update(self, snapshot: Snapshot, force: bool = False) -> None:
-        """Draw the moment, unless one was drawn a moment ago."""
+        """Draw the snapshot, unless the last was drawn too recently or `force` is set."""
         now = self._now()
         if now < self._due and not force:
             return
@@ -109,7 +109,7 @@ class LiveView:
             self._print(self.line(snapshot))
 
     def prepare(self, what: str, share: float) -> None:
-        """Say what is done before anything moves, and the share of it that is done."""
+        """Show what is prepared before anything moves, and the completed share."""
         if self._live and self._now() >= self._due:
             self._due = self._now() + REDRAW
             self._live.update(self._waiting(what, share), refresh=True)
@@ -119,7 +119,7 @@ class LiveView:
         return Group(head, Text("Nothing moves yet."), Text(self._keys_line(), style="reverse"))
 
     def line(self, s: Snapshot) -> str:
-        """The moment in one line: where it is, and the joint that is nearest to each limit."""
+        """The snapshot as one line: progress, and the joint nearest to each limit."""
         parts = [f"{s.motion} (stage {s.stage}, {s.speed:.0%} speed) {s.elapsed:.1f} of {s.duration:.1f} s"]
         for word, share in (("speed", np.abs(s.dq) / self._arm.dq_max), ("torque", np.abs(s.tau) / self._arm.tau_max)):
             if np.any(np.isfinite(share)):
@@ -135,7 +135,7 @@ class LiveView:
         return ", ".join(parts) + (f"; {s.note}" if s.note else "")
 
     def screen(self, s: Snapshot) -> Group:
-        """The moment as a screen."""
+        """The snapshot as a screen."""
         share = min(1.0, s.elapsed / s.duration) if s.duration > 0 else 1.0
         head = Text.assemble(
             (f"{self._title}\n", "bold"),
@@ -149,7 +149,7 @@ class LiveView:
         headers = (
             ("position rad", "speed", "torque N m", "°C", "error mrad") if barred else ("rad", "speed", "N m", "°C", "mrad")
         )
-        grid.add_column("joint", overflow="ellipsis")  # the one column that gives way
+        grid.add_column("joint", overflow="ellipsis")  # the only column that may shrink
         for header in headers:
             grid.add_column(header, justify="right", no_wrap=True)
         for j, joint in enumerate(self._arm.joint_names):
@@ -184,7 +184,7 @@ class LiveView:
 
 
 def show(view: LiveView, progress: RunProgress, folder: Path) -> None:
-    """Show what a run does that is recorded into `folder`."""
+    """Show the progress of a run that is recorded into `folder`."""
     cycle, p = progress.cycle, progress
     if cycle is None:
         view.prepare(p.what, p.share)
@@ -205,7 +205,7 @@ def _minutes(seconds: float) -> str:
 
 
 def _bar(share: float, width: int) -> str:
-    """`width` characters, filled to an eighth of a character."""
+    """A bar of `width` characters, filled to an eighth of a character."""
     if not np.isfinite(share):
         return " " * width
     eighths = round(min(1.0, max(0.0, float(share))) * width * 8)
@@ -214,7 +214,7 @@ def _bar(share: float, width: int) -> str:
 
 
 def _style(share: float, near: float = _NEAR) -> str:
-    """Red at and above the limit, yellow when near it; a share that is not a number is never painted as harmless."""
+    """Red at or above the limit and for NaN, yellow near it."""
     if not share < _OVER:
         return "bold red"
     return "yellow" if share >= near else ""

@@ -1,4 +1,4 @@
-"""Option and argument types that commands share, and what the shell offers for them."""
+"""Option and argument types that commands share, and their shell completion."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Out = Annotated[
 AcceptPartial = Annotated[
     bool,
     typer.Option(
-        "--accept-partial", help="Use what survives of recordings that were cut short or are damaged; says what is missing."
+        "--accept-partial", help="Use what survives of recordings that were cut short or are damaged; reports what is missing."
     ),
 ]
 MaxError = Annotated[
@@ -27,7 +27,7 @@ MaxError = Annotated[
         min=0.0,
         max=1000.0,
         metavar="SHARE",
-        help="Exit code 1 if at some joint the residual RMS exceeds this share of the torque's standard deviation, such as 0.1; 0.2 if not given.",
+        help="Exit code 1 if the residual RMS of any joint exceeds this share of the torque's standard deviation, such as 0.1; 0.2 if not given.",
     ),
 ]
 Assume = Annotated[
@@ -35,7 +35,7 @@ Assume = Annotated[
     typer.Option(
         "--assume",
         metavar="HOW",
-        help="Read the recordings that way: q=deg, t=ms, tau=current, sign:tau:JOINT, ...; a refusal names it.",
+        help="Read the recordings this way: q=deg, t=ms, tau=current, sign:tau:JOINT, ...; a refusal states what to give.",
     ),
 ]
 Configs = Annotated[
@@ -45,12 +45,12 @@ Configs = Annotated[
         metavar="DIR",
         exists=True,
         file_okay=False,
-        help="Folder with one's own arms/ and cells/; ./configs if not given.",
+        help="Folder with your own arms/ and cells/; ./configs if not given.",
     ),
 ]
 NewConfigs = Annotated[
     Path | None,
-    typer.Option("--configs", metavar="DIR", help="Folder with one's own arms/ and cells/; ./configs if not given."),
+    typer.Option("--configs", metavar="DIR", help="Folder with your own arms/ and cells/; ./configs if not given."),
 ]
 
 
@@ -60,7 +60,7 @@ def arm_names(incomplete: str = "") -> list[str]:
 
 
 def calibrated_names(incomplete: str = "") -> list[str]:
-    """The same with `latest`, where the arm of the newest run will do."""
+    """The same with `latest`, for commands that accept the newest calibrated arm."""
     from calib.past_runs import LATEST
 
     return [name for name in (LATEST, *arm_names()) if name.startswith(incomplete)]
@@ -78,7 +78,7 @@ ArmArgument = Annotated[
 ArmOrLogArgument = Annotated[
     str,
     typer.Argument(
-        metavar="ARM", help="Name from configs/arms, arm folder, .xml/.urdf file, `latest` calibrated arm, or a recording: its arm is inside.",
+        metavar="ARM", help="Name from configs/arms, arm folder, .xml/.urdf file, `latest` for the newest calibrated arm, or a recording that holds its arm.",
         autocompletion=calibrated_names,
     ),
 ]  # fmt: skip
@@ -108,7 +108,7 @@ def _names(kind: str, pattern: str, name: Callable[[Path], str], incomplete: str
 
 
 def read_as(accept_partial: bool, assume: Sequence[str] | None, configs: Path | None) -> list[str | Path]:
-    """The options by which another command reads the same recordings as this one did."""
+    """The options with which another command reads the same recordings in the same way."""
     out: list[str | Path] = ["--accept-partial"] * accept_partial
     for words in assume or ():
         out += ["--assume", words]

@@ -1,4 +1,4 @@
-"""A number as it is shown: rounded to its uncertainty."""
+"""Numbers as text, rounded to their uncertainty."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ MOST_DIGITS = 12
 
 
 def rounded(value: float, std: float | None, unit: str = "") -> str:
-    """`value ± std unit`, both to the second digit of the standard deviation; four digits of the value where there is none."""
+    """`value ± std unit`, both to two significant digits of the standard deviation; four digits of the value without one."""
     unit = "" if unit == "1" else unit.replace("*", " ")
     if not math.isfinite(value):
         return "–"
@@ -19,7 +19,7 @@ def rounded(value: float, std: float | None, unit: str = "") -> str:
     if digits < 0:
         value, std = round(value, digits), round(std, digits)
     shown = min(max(digits, 0), 12)
-    # -0.0 is no number that a person would write
+    # avoids -0.0
     return f"{value + 0.0 if round(value, shown) else 0.0:.{shown}f} ± {std:.{shown}f} {unit}".strip()
 
 
@@ -32,23 +32,23 @@ def pair(value: float | None, std: float | None) -> tuple[float | None, float | 
 
 
 def significant(value: float, digits: int = 2) -> str:
-    """`value` to so many digits; a number of hundreds or thousands as a person writes it: 230, and not 2.3e+02."""
+    """`value` to `digits` significant digits; large numbers below 1e6 without an exponent: 230, not 2.3e+02."""
     short = float(f"{value:.{digits}g}")
     return f"{short:.0f}" if 10**digits <= abs(short) < 1e6 else f"{value:.{digits}g}"
 
 
 def percentages(value: float, limit: float) -> tuple[str, str]:
-    """A share and its limit in percent: the share to one digit after the point, its limit to three digits; more where both would read the same."""
+    """A share and its limit in percent: the share to one decimal, its limit to three digits; more if both would read the same."""
     return _distinct(value, limit, lambda x, more: f"{100 * x:.{1 + more}f}%", lambda x: f"{100 * x:.3g}%")
 
 
 def significant_beside(value: float, limit: float) -> tuple[str, str]:
-    """`significant` of a value and of its limit: two digits, or as many as make them differ."""
+    """`significant` for a value and its limit: two digits, or as many as make them differ."""
     return _distinct(value, limit, lambda x, more: significant(x, 2 + more), significant)
 
 
 def _distinct(value: float, limit: float, text: Callable[[float, int], str], usual: Callable[[float], str]) -> tuple[str, str]:
-    """`text` of both with one more digit at a time until they differ, so that a reader sees which is the larger; `usual` of a limit that differs."""
+    """`text` of both with as many digits as make them differ, so that a reader sees which is larger; `usual` for a limit that already differs."""
     if value == limit or text(value, 0) != text(limit, 0):
         return text(value, 0), usual(limit)
     pairs = ((text(value, more), text(limit, more)) for more in range(1, MOST_DIGITS))

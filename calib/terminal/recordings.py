@@ -1,4 +1,4 @@
-"""The recordings that a command was given: read for one arm, with warnings of what is missing in them."""
+"""The recordings given to a command, read for one arm, with warnings about what is missing in them."""
 
 from __future__ import annotations
 
@@ -31,9 +31,9 @@ MOST_NAMES = 8  # of the recordings that a message lists
 
 
 def arm_and_logs(first: str, logs: Sequence[Path] | None, configs: Path | None) -> tuple[Arm, list[Path]]:
-    """The arm that `first` names and the recordings; where `first` is a recording itself, it is one of them, and its arm is inside.
+    """The arm that `first` names, and the recordings; if `first` is itself a recording, it comes first and provides the arm.
 
-    A folder that holds a recording hides no arm of its name: `./NAME` is the folder.
+    An arm takes precedence over a recording folder of the same name; `./NAME` is the folder.
     """
     logs = list(logs or [])
     if is_log(first) and folder_of(first, configs) is None:
@@ -46,7 +46,10 @@ def arm_and_logs(first: str, logs: Sequence[Path] | None, configs: Path | None) 
 
 
 def recorded_arm(path: Path, configs: Path | None = None) -> Arm:
-    """The arm folder that the recording holds, else the arm of `configs` that it names and that is the same still."""
+    """The arm stored in the recording, else the arm of `configs` that it names, with a warning if that has changed since.
+
+    BadLog if the stored arm is not the recorded one; ConfigError if the recording neither holds nor names an arm.
+    """
     attached, metadata = attachments(path)
     name, sha256 = metadata.get("arm", ""), metadata.get("arm_sha256")
     if "arm/arm.toml" in attached:
@@ -59,15 +62,13 @@ def recorded_arm(path: Path, configs: Path | None = None) -> Arm:
                 file.write_bytes(data)
         arm = load_arm(folder / ARM_FOLDER)
         if arm.sha256 != sha256:
-            raise BadLog(f"{path}: the arm in it is not the one that it was recorded of; name the arm: `calib ... ARM {path}`")
+            raise BadLog(f"{path}: the arm in it is not the one that was recorded; name the arm: `calib ... ARM {path}`")
         return arm
     if not is_name(name):
         raise ConfigError(f"{path}: neither holds an arm nor names one; name it: `calib ... ARM {path}`")
     arm = load_arm(name, configs)
     if sha256 and arm.sha256 != sha256:
-        console.warn(
-            f"{path}: {arm.name} is not as it was when this was recorded; to be sure, name the arm folder of that time"
-        )
+        console.warn(f"{path}: {arm.name} has changed since this was recorded; to be sure, name the arm folder of that time")
     return arm
 
 
@@ -94,7 +95,7 @@ def read_pieces(
 
 
 def _each(paths: Iterable[Path], arm: Arm, read: Callable[[int, Path], T]) -> list[T]:
-    """What `read` makes of each; one without a sample is left out with a warning, and is an error where no other is left."""
+    """`read` of each path; a recording without samples is left out with a warning, or is an error if no other remains."""
     found: list[T] = []
     empty: list[EmptyLog] = []
     for k, path in enumerate(paths):
@@ -114,24 +115,24 @@ def _each(paths: Iterable[Path], arm: Arm, read: Callable[[int, Path], T]) -> li
 
 
 def require_unseen(logs: Iterable[Path], held_out: Iterable[Path]) -> None:
-    """ConfigError where a recording is given on both sides: a log that the fit has seen says nothing of logs that it has not."""
-    seen = {os.path.realpath(path) for path in logs}  # unlike Path.resolve, it takes a link to itself
+    """ConfigError if a recording is both fitted and held out: a log that the fit has seen is no test of the fit."""
+    seen = {os.path.realpath(path) for path in logs}  # unlike Path.resolve, it accepts a link to itself
     for path in held_out:
         if os.path.realpath(path) in seen:
             raise ConfigError(
-                f"--holdout {path}: is also one of the logs to fit; hold out a recording of another motion, or leave --holdout away"
+                f"--holdout {path}: is also one of the logs to fit; hold out a recording of another motion, or leave out --holdout"
             )
 
 
 def require(path: Path) -> None:
-    """ConfigError with what may be given, and the recordings beside it, where there is no such file."""
+    """ConfigError if there is no such file, with what may be given and the recordings in its folder."""
     if os.path.exists(path):
         return
     folder = path.parent
     if not folder.is_dir():
         raise ConfigError(f"{path}: there is no folder {folder}; {GIVE}")
     if os.path.islink(path):
-        raise ConfigError(f"{path}: is a link to {path.readlink()}, which is not there; {GIVE}")
+        raise ConfigError(f"{path}: is a link to {path.readlink()}, which does not exist; {GIVE}")
     there = sorted(str(p) for p in folder.iterdir() if p.suffix.lower() in {*SUFFIXES, path.suffix} - {""} and p.exists())
     near = did_you_mean(str(path), there)
     listed = ", ".join(there[:MOST_NAMES]) + (", ..." if len(there) > MOST_NAMES else "")
@@ -144,7 +145,7 @@ def _warn(path: Path, log: Log | Pieces, arm: Arm) -> None:
     recorded = log.metadata.get("arm")
     if recorded and recorded != arm.name:
         console.warn(
-            f"{path}: was recorded of {recorded} and is read for {arm.name}; if these are two arms, name the right one"
+            f"{path}: was recorded with {recorded} and is read for {arm.name}; if these are two arms, name the right one"
         )
     for finding in log.findings:
         console.warn(f"{path}: {finding}")
@@ -153,7 +154,10 @@ def _warn(path: Path, log: Log | Pieces, arm: Arm) -> None:
 
 
 def _sampling(log: Log | Pieces) -> tuple[str, ...]:
-    """What of its samples (of the first piece) an import would put right, jittered stamps and samples sent twice, and lost samples that are no gaps; nothing where it has two clocks."""
+    """Faults of the sampling (of the first piece): jittered stamps and repeated samples, which an import corrects, and lost samples that are not gaps.
+
+    Empty for a log with two clocks, or with stamps that go back.
+    """
     from logs.convert import sampling_of
 
     first = log[0] if isinstance(log, Pieces) and len(log) else log
@@ -162,4 +166,4 @@ def _sampling(log: Log | Pieces) -> tuple[str, ...]:
     found = sampling_of(first)
     if not (found.rebuilt or found.repeated):
         return ("; ".join(found.losses),) if found.losses else ()
-    return (*found.findings, "they are used as they are; `calib import` puts right what can be")
+    return (*found.findings, "they are used as they are; `calib import` corrects what can be corrected")

@@ -1,4 +1,4 @@
-"""A table as lines of text that fit a width: first as it is, then with wrapped words, then in parts of fewer columns. Sentences too."""
+"""Tables and sentences as lines that fit a width; a table that is too wide is wrapped, then split into parts of fewer columns."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ HANGING = 4  # indentation of a long last column below its row
 
 
 def wrapped(text: str, width: int) -> str:
-    """Sentences in lines between words, each below its own indentation; longer words, such as paths, stay whole."""
+    """Sentences wrapped between words, each with its own indentation; long words, such as paths, stay whole."""
     out = []
     for line in text.split("\n"):
         indent = line[: len(line) - len(line.lstrip())]
@@ -27,8 +27,8 @@ def wrapped(text: str, width: int) -> str:
 def lines(headers: Sequence[str], rows: Sequence[Sequence[str]], numeric: Sequence[bool], width: int) -> list[tuple[str, bool]]:
     """The lines of a table, and whether each is a heading. No line is wider than `width` unless a single word is.
 
-    Numbers stand to the right. Where the table is too wide, a long last column of text goes below its row, and its heading below the
-    others; what is still too wide is split into parts, each with the first column again. A list, whose two columns have no headings, is
+    Numbers are right-aligned. If the table is too wide, a long last column of text goes below its row, and its heading below the
+    others. If it is still too wide, it is split into parts that repeat the first column. A list, whose columns have no headings, is
     wrapped beside its names.
     """
     natural = [max([cell_len(headers[k]), *(cell_len(row[k]) for row in rows)]) for k in range(len(headers))]
@@ -59,7 +59,7 @@ def lines(headers: Sequence[str], rows: Sequence[Sequence[str]], numeric: Sequen
 
 
 def _shared(natural: list[int], least: list[int], space: int) -> list[int]:
-    """Widths between least and natural that fill the space, the widest columns giving way first."""
+    """Widths between least and natural that fit the space; the columns with the most to spare shrink first."""
     widths = list(natural)
     while sum(widths) > space:
         can = [k for k in range(len(widths)) if widths[k] > least[k]]
@@ -88,7 +88,7 @@ def _grid(
 
 
 def _row(cells: Sequence[str], numeric: Sequence[bool], widths: Sequence[int]) -> list[str]:
-    """A row of the grid, of as many lines as its tallest cell has."""
+    """A row of the grid, with as many lines as its tallest cell."""
     folded = [
         [text]
         if cell_len(text) <= widths[k]

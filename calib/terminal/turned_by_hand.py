@@ -1,4 +1,4 @@
-"""Which drive belongs to which joint, as somebody turns one joint after the other."""
+"""Which drive belongs to which joint, found by turning one joint after another by hand."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ if TYPE_CHECKING:
 
 
 def drives_of_joints(arm: Arm, found: tuple[Found, ...], hands: ByHand) -> dict[str, tuple[Found, int]]:
-    """The drive and the sign of each joint, as somebody turns one after the other."""
+    """The drive and the sign of each joint, while a person turns one after another; AnswerIsNo if there are too few drives."""
     if len(found) < arm.n:
-        raise AnswerIsNo(f"{len(found)} drives answered and {arm.name} has {arm.n} joints; find the missing ones first")
+        raise AnswerIsNo(f"{len(found)} drives answered, but {arm.name} has {arm.n} joints; find the missing ones first")
     joints: dict[str, tuple[Found, int]] = {}
     for joint in arm.joint_names:
         while joint not in joints:
             console.warn(
-                f"hold the arm still; then turn {joint} alone by 10 degrees or more to its positive side (right hand: thumb along its axis, "
+                f"hold the arm still; then turn {joint} alone by 10 degrees or more in its positive direction (right hand: thumb along its axis, "
                 "fingers point there)"
             )
             try:
@@ -33,7 +33,7 @@ def drives_of_joints(arm: Arm, found: tuple[Found, ...], hands: ByHand) -> dict[
                 continue
             owner = next((name for name, (drive, _) in joints.items() if drive is found[which]), None)
             if owner is not None:
-                console.warn(f"that was {found[which].name}, which is {owner}")
+                console.warn(f"that was {found[which].name}, which is already {owner}")
                 continue
             joints[joint] = (found[which], sign)
             console.warn(f"{joint} is {found[which].name}, direction {sign:+d}")

@@ -1,5 +1,4 @@
-"""What nobody foresaw ends in one sentence and a file with the details; what libraries complain about goes into that file, not to the
-terminal."""
+"""Unexpected errors: one sentence on the terminal, and a file with the details, which also holds the warnings of libraries."""
 
 from __future__ import annotations
 
@@ -24,7 +23,7 @@ COMPLAINTS: ContextVar[list[str] | None] = ContextVar("complaints", default=None
 
 
 class _Collector(logging.Handler):
-    """Log records of libraries, which without any handler would go to standard error."""
+    """Collects log records of libraries, which would go to standard error without a handler."""
 
     def __init__(self, kept: list[str]) -> None:
         super().__init__(logging.WARNING)
@@ -59,7 +58,7 @@ def quiet_libraries() -> Iterator[None]:
 def write_fault(error: BaseException, arguments: Sequence[str], folders: Sequence[Path]) -> str:
     """Write the details of an unexpected error and return the sentence about it.
 
-    The file stands in the first run folder of this start, else in the working folder, else in the system's folder for temporary files.
+    The file is in the first run folder of this invocation, else in the working folder, else in the system's temporary folder.
     """
     now = datetime.now(UTC)
     what = type(error).__name__ + (f": {' '.join(str(error).split())}"[:200] if str(error) else "")
@@ -82,14 +81,12 @@ def write_fault(error: BaseException, arguments: Sequence[str], folders: Sequenc
             file.write_text(text, encoding="utf-8", errors="replace")
         except OSError:
             continue
-        return (
-            f"this is a fault of the program, not yours ({what}); the details stand in {file}: please report it with that file"
-        )
-    return f"this is a fault of the program, not yours ({what}); no file could be written about it"
+        return f"this is a fault of the program, not yours ({what}); the details are in {file}: please report it with that file"
+    return f"this is a fault of the program, not yours ({what}); the details could not be written to a file"
 
 
 def _here() -> str:
     try:
         return str(Path.cwd())
     except OSError:
-        return "a folder that is gone"
+        return "a folder that no longer exists"

@@ -1,11 +1,11 @@
-"""What a driver, an arm, an effect and a command promise, as checks that anybody can run over their own.
+"""The promises of a driver, an arm, an effect and a command, as checks that anyone can run on their own.
 
     from calib.testing import assert_kept, check_driver
 
     def test_my_driver():
         assert_kept(check_driver(lambda: MyDriver(...), arm))
 
-Each check gives every promise with whether it was kept, so that one run shows all that is wrong.
+Each check returns every promise and whether it was kept, so that one run shows everything that is wrong.
 """
 
 from calib.testing.arm import check_arm

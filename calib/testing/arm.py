@@ -1,4 +1,4 @@
-"""The promises of an arm folder: it loads, its bodies are possible, two libraries agree on its dynamics, and it can be planned for."""
+"""The promises of an arm folder: it loads, its bodies are physically consistent, two libraries agree on its dynamics, and motions fit it."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ AGREE = 1e-9
 
 
 def check_arm(reference: str | Path, plan: bool = True) -> tuple[Promise, ...]:
-    """Every promise of an arm: a name, a folder or an entry point's name. Without `plan` no motion is designed."""
+    """Check every promise of an arm, given by name, folder or an entry point's name. Without `plan` no motion is designed."""
     out, loaded = Promises(), []
     out.keep("it loads", lambda: loaded.append(load_arm(reference)))
     if not loaded:
@@ -27,13 +27,13 @@ def check_arm(reference: str | Path, plan: bool = True) -> tuple[Promise, ...]:
     arm = loaded[0]
     out.keep("every limit is stated, or named as missing", lambda: _limits(arm))
     out.keep("every number has a source", lambda: bool(arm.provenance) or "[provenance] is empty")
-    out.keep("every link is a body that can exist", lambda: _bodies(arm))
+    out.keep("every link is a physically consistent body", lambda: _bodies(arm))
     out.keep("MuJoCo and Pinocchio agree on its torques", lambda: _agree(arm))
-    out.keep("written and read back it is the same", lambda: _written(arm))
+    out.keep("it is the same after it is written and read back", lambda: _written(arm))
     if np.isfinite(arm.tau_max).all():
         out.keep("its motors can hold it", lambda: _holds(arm))
     if plan:
-        out.keep("a posture is free of itself, and a motion about it fits its limits", lambda: _planned(arm))
+        out.keep("one posture is free of self-collision, and a motion around it fits the limits", lambda: _planned(arm))
     return tuple(out.found)
 
 
@@ -54,7 +54,7 @@ def _bodies(arm: Arm) -> str:
 
 
 def _agree(arm: Arm) -> str:
-    """Inverse dynamics of MuJoCo on the arm's own model file, without what is not rigid, against Pinocchio's on the tree."""
+    """Compare MuJoCo's inverse dynamics of the arm's model file, with rigid bodies only, with Pinocchio's of the tree."""
     model = compiled(arm.model_text, arm.model_path.parent, str(arm.model_path))
     if model.nv != arm.n:
         return f"the model has {model.nv} degrees of freedom, the arm {arm.n} joints"

@@ -1,4 +1,4 @@
-"""The promises of a command of `calib`: help with an example, one line in the list, and refusals in sentences."""
+"""The promises of a command of `calib`: help with an example, an entry in the list, and refusals as sentences."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from calib.testing.promise import Promise, Promises
 
 
 def check_command(name: str, arguments: list[str] | None = None) -> tuple[Promise, ...]:
-    """Every promise of a command (`arm new` for one of a group); `arguments` make it answer with --json, if it can."""
+    """Check every promise of a command (`arm new` for a subcommand). arguments: with these and --json it must print one document."""
     out, words = Promises(), name.split()
     code, text, _ = _run([*words, "--help"])
     out.keep("it is in the list of commands", lambda: words[0] in COMMANDS or f"COMMANDS has no {words[0]!r}")

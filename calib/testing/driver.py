@@ -1,4 +1,4 @@
-"""The promises of a driver (drivers.driver.Driver). Run them against an emulated device: commands beyond the arm's range are among them."""
+"""The promises of a driver (drivers.driver.Driver). Use an emulated device: some commands are beyond the arm's range."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ def check_driver(
     standing: np.ndarray | None = None,
     position: Callable[[Driver], np.ndarray] | None = None,
 ) -> tuple[Promise, ...]:
-    """Every promise of a driver, tried on devices that `make` opens anew; none may move by more than 2e-3 rad unless it is commanded to.
+    """Check every promise of a driver, each on a device newly opened by `make`; none may move by more than 2e-3 rad without a command.
 
-    standing (n,) rad: where the device stands before it is connected; position(driver): where it really stands, from outside, if the
-    emulator can say. Without either a motion in `connect` is only seen where it goes on afterwards.
+    standing (n,) rad: position of the device before it is connected. position(driver): its true position, if the emulator provides it.
+    Without either, a motion during `connect` is only seen if it continues afterwards.
     """
     out, n = Promises(), arm.n
     still, zero = np.zeros(n), np.zeros(n)
@@ -40,7 +40,7 @@ def check_driver(
                 driver.info = driver.connect()
                 return use(driver)
             finally:
-                # what close itself does wrong is a promise of its own
+                # faults of close itself are a promise of their own
                 with suppress(Exception):
                     driver.close()
 
@@ -50,11 +50,11 @@ def check_driver(
     out.refuse("before connect, read is refused", lambda: make().read(), *REFUSALS)
     out.refuse("before connect, send is refused", lambda: make().send(still, zero, zero), *REFUSALS)
     out.keep("before connect, stop and close are harmless", lambda: _harmless(make()))
-    out.keep("connect says what the device is", session(lambda d: _info(d.info, d)))
+    out.keep("connect reports what the device is", session(lambda d: _info(d.info, d)))
     out.keep("connect moves nothing", session(lambda d: _unmoved(d, standing, position)))
     out.keep("a reading has one number for each joint, and angles are finite", session(lambda d: _shape(d.read(), n)))
-    out.keep("readings are new: both clocks go on, none comes twice", session(_new))
-    out.keep("readings come at the rate that is stated", session(_rate))
+    out.keep("readings are new: both clocks advance, and no reading repeats", session(_new))
+    out.keep("readings come at the stated rate", session(_rate))
     for what, q in {
         "NaN": np.full(n, np.nan), "infinity": np.full(n, np.inf), "one number too many": np.zeros(n + 1),
         "one NaN among good numbers": np.r_[np.zeros(n - 1), np.nan],
@@ -69,18 +69,18 @@ def check_driver(
     out.keep("send returns what was sent", session(lambda d: _echo(d, d.read().q)))
     out.keep("send never clamps", session(lambda d: _no_clamp(d, arm)))
     out.keep("send does not change the arrays it is given", session(_untouched))
-    out.keep("stop may be called at any time and again", session(_stopped_twice))
-    out.keep("close ends without an error, and again", lambda: _closed_twice(make()))
+    out.keep("stop may be called at any time, and repeatedly", session(_stopped_twice))
+    out.keep("close ends without an error, also when repeated", lambda: _closed_twice(make()))
     out.refuse("after close, send is refused", lambda: _after_close(make(), n), *REFUSALS)
     out.keep("with `with`, the device is released after an error", lambda: _released(make()))
     out.keep("a closed device can be connected again", lambda: _again(make()))
-    out.keep("checks are Checks with words, and remedies where the answer is no", session(_checks))
+    out.keep("checks are Checks with a detail, and a remedy where they fail", session(_checks))
     return tuple(out.found)
 
 
 def _is_driver(driver: Driver, arm: Arm) -> str:
     if not isinstance(driver, Driver):
-        return f"{type(driver).__name__} is no subclass of drivers.driver.Driver"
+        return f"{type(driver).__name__} is not a subclass of drivers.driver.Driver"
     if driver.arm.joint_names != arm.joint_names:
         return f"driver.arm has joints {driver.arm.joint_names}, the arm {arm.joint_names}"
     if not isinstance(driver.device_stop, DeviceStop):
@@ -107,7 +107,7 @@ def _unmoved(driver: Driver, standing: np.ndarray | None, position: Callable[[Dr
     look = position or (lambda d: d.read().q)
     first = np.array(look(driver), dtype=float)
     if standing is not None and not np.all(np.abs(first - standing) < QUANTUM):
-        return f"it stood at {np.round(standing, 4).tolist()} rad and stands at {np.round(first, 4).tolist()} after connect"
+        return f"it was at {np.round(standing, 4).tolist()} rad and is at {np.round(first, 4).tolist()} after connect"
     for _ in range(SAMPLES):
         driver.read()
     moved = np.abs(np.array(look(driver)) - first).max()
@@ -117,7 +117,7 @@ def _unmoved(driver: Driver, standing: np.ndarray | None, position: Callable[[Dr
 def _shape(state: JointState, n: int) -> str:
     if not isinstance(state, JointState) or state.n != n:
         return f"read returned {state!r}"
-    return "" if np.isfinite(state.q).all() else f"q is {state.q.tolist()}: a device without angles is no device"
+    return "" if np.isfinite(state.q).all() else f"q is {state.q.tolist()}: a device must report its angles"
 
 
 def _new(driver: Driver) -> str:
@@ -125,7 +125,7 @@ def _new(driver: Driver) -> str:
     for name in ("t", "t_device"):
         steps = np.diff([getattr(s, name) for s in states])
         if not np.all(steps > 0):
-            return f"{name} does not go on: smallest step {np.min(steps):.3g} s in {SAMPLES} readings"
+            return f"{name} does not advance: smallest step {np.min(steps):.3g} s in {SAMPLES} readings"
     return ""
 
 
@@ -212,7 +212,7 @@ def _released(driver: Driver) -> str:
             raise DeviceError("an error in the middle of a motion, made by calib.testing")
     except DeviceError as error:
         if "made by calib.testing" not in str(error):
-            return f"the error became {error}"
+            return f"the error was replaced by {error}"
     return "" if closed else "close was not called"
 
 

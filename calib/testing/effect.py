@@ -1,4 +1,4 @@
-"""The promises of an effect (sim.effects.Effect): it says what it is, its bounds are kept, and without strength it changes nothing."""
+"""The promises of an effect (sim.effects.Effect): it states what it is, its bounds are kept, and at zero strength it changes nothing."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ RATE, SECONDS = 250.0, 8.0
 
 
 def check_effect(effect: Effect | str, arm: Arm | str = "ur10e") -> tuple[Promise, ...]:
-    """Every promise of an effect that is in the catalogue (its own, or added by an entry point), on one motion of `arm`."""
+    """Check every promise of an effect of the catalogue (built in, or added by an entry point), on one motion of `arm`."""
     out = Promises()
     arm = load_arm(arm) if isinstance(arm, str) else arm
     effect = effect_named(effect) if isinstance(effect, str) else effect
@@ -32,7 +32,7 @@ def check_effect(effect: Effect | str, arm: Arm | str = "ur10e") -> tuple[Promis
     out.keep(
         "the catalogue has it under its name", lambda: effect_named(effect.name) is effect or "another effect has this name"
     )
-    out.keep("it says what it is, how it looks, and from where", lambda: _words(effect))
+    out.keep("it states what it is, how it looks, and its source", lambda: _words(effect))
     out.keep("its law is the first paragraph of its docstring", lambda: bool(effect.law) or "no docstring")
     out.keep("every parameter has a unit, a meaning, and typical values within its bounds", lambda: _parameters(effect))
     out.keep("typical values are accepted", lambda: checked(arm, item) is item)
@@ -43,13 +43,13 @@ def check_effect(effect: Effect | str, arm: Arm | str = "ur10e") -> tuple[Promis
                 out.refuse(f"{p.name} beyond {bound:g} is refused", partial(checked, arm, outside), ConfigError)
         spoilt = replace(item, parameters=item.parameters | {p.name: math.nan})
         out.refuse(f"{p.name} of NaN is refused", partial(checked, arm, spoilt), ConfigError)
-    out.keep("with strength it changes the torque, to finite numbers", lambda: _changes(arm, item, motion))
-    out.keep("without strength it changes nothing", lambda: _nothing(arm, effect, item, motion))
-    out.keep("it leaves the motion that it is given as it is", lambda: _leaves(arm, item, motion))
-    out.keep("the same twice is the same", lambda: _same_twice(arm, item, motion))
+    out.keep("at a typical strength it changes the torque, to finite numbers", lambda: _changes(arm, item, motion))
+    out.keep("at zero strength it changes nothing", lambda: _nothing(arm, effect, item, motion))
+    out.keep("it does not change the motion that it is given", lambda: _leaves(arm, item, motion))
+    out.keep("two evaluations give the same result", lambda: _same_twice(arm, item, motion))
     out.keep("an arm folder carries it", lambda: _carried(arm, item, motion))
-    out.keep("what imitates it is a finite torque along the motion", lambda: _imitators(arm, effect, motion))
-    out.keep("where it states how far the motor leads, the motor does", lambda: _motor_lead(arm, effect, item, motion))
+    out.keep("its imitators are finite torques along the motion", lambda: _imitators(arm, effect, motion))
+    out.keep("if it states the lead of the motor, the motor has it", lambda: _motor_lead(arm, effect, item, motion))
     out.keep("its probes are values that the catalogue accepts", lambda: _probes(arm, effect, joint))
     return tuple(out.found)
 
@@ -60,7 +60,7 @@ def _typical(effect: Effect) -> dict[str, float]:
 
 
 def _motion(arm: Arm) -> Trajectory:
-    """Three harmonics a joint from rest to rest about the middle of its range, a third of it wide at most."""
+    """Three harmonics per joint from rest to rest around the middle of its range, over at most a third of the range."""
     rng, t = np.random.default_rng(4), np.arange(0, SECONDS, 1 / RATE)
     wave = 2 * np.pi / SECONDS * np.arange(1, 4)
     low, high = np.nan_to_num(arm.q_min, nan=-np.pi), np.nan_to_num(arm.q_max, nan=np.pi)
@@ -96,7 +96,7 @@ def _changes(arm: Arm, item: ArmEffect, motion: Trajectory) -> str:
     change = predict(with_effect(bare, item), motion) - predict(bare, motion)
     if not np.isfinite(change).all():
         return "the torque with it is not finite"
-    return "" if np.abs(change).max() > 1e-6 else "the torque is the same with it"
+    return "" if np.abs(change).max() > 1e-6 else "the torque does not change with it"
 
 
 def _nothing(arm: Arm, effect: Effect, item: ArmEffect, motion: Trajectory) -> str:
@@ -107,7 +107,7 @@ def _nothing(arm: Arm, effect: Effect, item: ArmEffect, motion: Trajectory) -> s
     without = predict(bare, motion)
     strength = np.abs(predict(with_effect(bare, item), motion) - without).max()
     left = np.abs(predict(with_effect(bare, replace(item, parameters=values)), motion) - without).max()
-    # a gear is never quite rigid: its stiffest leaves a trace
+    # a gear is never quite rigid: the greatest stiffness leaves a trace
     return "" if left <= max(2e-3 * strength, 1e-9 * np.abs(without).max()) else f"{left:.3g} N m remain of {strength:.3g}"
 
 
@@ -151,7 +151,7 @@ def _motor_lead(arm: Arm, effect: Effect, item: ArmEffect, motion: Trajectory) -
     effect.apply(path, j, item.parameters)
     off = (path.q_motor - path.q)[:, j] - item.parameters[effect.parameters[0].name] * lead
     known = np.isfinite(lead)
-    # it states where the lead has settled, which a blow delays by some samples
+    # it states the settled lead, which a shock delays by some samples
     share = float(np.mean(np.abs(off[known]) < 1e-9)) if known.any() else 0.0
     return "" if share > 0.9 else f"the lead is as stated in {share:.0%} of the samples"
 

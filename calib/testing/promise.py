@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 @dataclass(frozen=True)
 class Promise:
-    """name: what is promised; kept: whether it is; detail: what was found where it is not."""
+    """name: what is promised; kept: whether it was kept; detail: what was found instead."""
 
     name: str
     kept: bool
@@ -17,22 +17,22 @@ class Promise:
 
 @dataclass
 class Promises:
-    """Promises as they are tried one after the other."""
+    """Promises that are checked one after another."""
 
     found: list[Promise] = field(default_factory=list)
 
     def keep(self, name: str, holds: Callable[[], object]) -> None:
-        """Try one: `holds` returns nothing, True or an empty text where it is kept, else False or what was found; an exception breaks it."""
+        """Check one: `holds` returns None, True or an empty text if it is kept, else False or what was found; an exception breaks it."""
         try:
             answer = holds()
-        except Exception as error:  # whatever the tried code raises is the finding
+        except Exception as error:  # whatever the checked code raises is the finding
             self.found.append(Promise(name, False, f"{type(error).__name__}: {error}"))
             return
         kept = answer is None or answer is True or answer == ""
         self.found.append(Promise(name, kept, "" if kept else str(answer)))
 
     def refuse(self, name: str, attempt: Callable[[], object], *kinds: type[Exception]) -> None:
-        """Try a refusal: `attempt` must raise one of `kinds`, with a sentence."""
+        """Check a refusal: `attempt` must raise one of `kinds`, with a message of more than 10 characters."""
 
         def holds() -> str:
             try:
@@ -41,13 +41,13 @@ class Promises:
                 return "" if len(str(error)) > 10 else f"{type(error).__name__} without a sentence"
             except Exception as error:
                 return f"raised {type(error).__name__}: {error}; {' or '.join(k.__name__ for k in kinds)} is promised"
-            return f"was taken, and gave {got!r}"
+            return f"was accepted and returned {got!r}"
 
         self.keep(name, holds)
 
 
 def broken(promises: Iterable[Promise]) -> list[Promise]:
-    """Those that were not kept."""
+    """The promises that were not kept."""
     return [p for p in promises if not p.kept]
 
 

@@ -153,11 +153,11 @@ def test_a_gap_is_reported_and_nothing_reaches_across(
         (["plan", "ur10e", "--configs", "file"], "'--configs': dir 'file' is a file"),
         (["plan", "ur10e", "--discriminate", "folder"], "folder/diagnosis.json: cannot be read (No such file or directory)"),
         (["runs", "--runs", "file"], "file: is not a folder"),
-        (["identify", "ur10e", "link.mcap"], "link.mcap: is a link to gone.mcap, which is not there"),
+        (["identify", "ur10e", "link.mcap"], "link.mcap: is a link to gone.mcap, which does not exist"),
         (["identify", "ur10e", "lonk.mcap"], "there is no recording 'lonk.mcap'; give the path"),
         (["identify", "ur10e", "x" * 300 + ".mcap"], "x.mcap'; give the path"),
         (["identify", "x" * 300 + ".mcap"], "x.mcap'; give the path"),
-        (["identify", "ur10e", "loop.mcap"], "loop.mcap: is a link to loop.mcap, which is not there"),
+        (["identify", "ur10e", "loop.mcap"], "loop.mcap: is a link to loop.mcap, which does not exist"),
         (["plan", "ur10e", "--home", "1e9,0,0,0,0,0"], "give a posture inside them with --home"),
     ],
 )

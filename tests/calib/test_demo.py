@@ -75,7 +75,7 @@ def test_what_was_hidden_is_shown_beside_what_was_found() -> None:
     right = demo.reveal(hidden, diagnosis(("coulomb_friction", "elbow_joint", {"coulomb": 8.1})))
     assert right.right
     assert right.rows == [["coulomb_friction", "elbow_joint", "coulomb", "8 N m", "8.10 ± 0.10 N m"]]
-    assert right.sentence == "what was hidden was found, and nothing else"
+    assert right.sentence == "the hidden effect was found, and nothing else"
 
 
 def test_another_joint_is_another_effect() -> None:
@@ -88,7 +88,7 @@ def test_another_joint_is_another_effect() -> None:
     wrong_answer["effects"][0]["indistinguishable_from"] = [{"effect": hidden.effect, "joint": hidden.joint}]
     undecided = demo.reveal(hidden, wrong_answer)
     assert not undecided.right
-    assert "cannot distinguish what was hidden" in undecided.sentence
+    assert "cannot distinguish the hidden effect" in undecided.sentence
     assert not demo.reveal(hidden, diagnosis()).right
 
 
@@ -97,7 +97,7 @@ def test_what_was_named_too_much_is_admitted() -> None:
     both = demo.reveal(hidden, diagnosis(("payload", None, {"mass": 2.0}), ("backlash", "elbow_joint", {"half_gap": 0.001})))
     assert not both.right
     assert both.rows[1] == ["backlash", "elbow_joint", "half_gap", None, "0.00 ± 0.10 rad"]
-    assert both.sentence == "what was hidden was found, and beside it 1 more effect that was not hidden"
+    assert both.sentence == "the hidden effect was found, and also 1 more effect that was not hidden"
 
 
 @pytest.mark.slow

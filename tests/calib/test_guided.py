@@ -82,7 +82,7 @@ def test_a_session_that_goes_on_takes_the_options_of_the_later_call(
     plans = [line for line in commands.lines if line[0] == "plan"]
     assert len(plans) == 3
     assert all("--quick" in line for line in plans)
-    assert "with quick plans where one is still to be made, and 3 rounds at most" in capsys.readouterr().out
+    assert "with quick plans from now on and at most 3 rounds" in capsys.readouterr().out
     assert (session(desk).rounds, session(desk).quick) == (3, True)
 
 
@@ -181,7 +181,7 @@ def test_a_real_arm_is_never_moved_without_a_person(desk: Path, capsys: pytest.C
         cell.read_text().replace("127.0.0.2", "192.0.2.7").replace("emulated-ur10e", "real")
     )
     assert main(["go", "real", "--yes"]) == 3
-    assert "an arm may stand behind the cell real" in capsys.readouterr().err
+    assert "the cell real may have a real arm" in capsys.readouterr().err
     assert not (desk / "runs").exists()
 
 
@@ -216,7 +216,7 @@ def test_a_session_is_found_again_beside_a_broken_run(
     (broken / "run.toml").write_text("")
     assert go(Commands([], lambda count, verb: 4 if verb == "record" else 0), monkeypatch, "--yes") == 4
     assert go(Commands([SETTLED]), monkeypatch, "--yes") == 0
-    assert "Continues the session" in capsys.readouterr().out
+    assert "Continuing the session" in capsys.readouterr().out
 
 
 def test_the_page_of_an_open_session_says_how_it_is_continued(desk: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -231,7 +231,7 @@ def test_latest_is_a_session_and_the_arm_of_a_complete_one(
     with pytest.raises(ConfigError, match="no run of calib go"):
         newest("go")
     assert go(Commands([], lambda count, verb: 4 if verb == "record" else 0), monkeypatch, "--yes") == 4
-    with pytest.raises(ConfigError, match="nor a calib diagnose that corrected its arm, is in"):
+    with pytest.raises(ConfigError, match="or a calib diagnose that corrected its arm; name"):
         latest_arm()
     assert options.run_folders("go")("") == ["latest", str(Path("runs") / session(desk).folder.name)]
     assert go(Commands([SETTLED]), monkeypatch, "--session", "latest", "--yes") == 0

@@ -42,7 +42,7 @@ def test_an_odd_diagnosis_is_a_sentence_and_no_traceback(
 ) -> None:
     assert go(Commands([content]), monkeypatch, "--yes") == 2
     error = capsys.readouterr().err
-    assert f"diagnosis/diagnosis.json: not a diagnosis: {fault}; the session cannot go on with it: restore the file" in error
+    assert f"diagnosis/diagnosis.json: not a diagnosis: {fault}; the session cannot continue with it: restore the file" in error
     assert "--new" in error
     found = session(desk)
     assert not found.closed

@@ -103,7 +103,7 @@ def test_a_session_that_cannot_be_read_is_passed_over(
     file = session(desk).folder / "session.toml"
     file.write_text(file.read_text().replace("quick = false", "quick = maybe"))
     assert go(Commands([NOTHING]), monkeypatch, "--yes", cell="mine") == 0
-    assert "this session is passed over" in capsys.readouterr().err
+    assert "this session is skipped" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("change", [("rounds = 2", "rounds = 99"), ("closed = false", "open = true"), ("schema", "scheme")])
@@ -127,7 +127,7 @@ def test_two_cell_files_of_one_name_have_sessions_of_their_own(
     assert [line[1] for line in stopped.lines] == ["a/robot.toml", "b/robot.toml", "a/robot.toml"]
     told = capsys.readouterr().out
     assert told.count("New session") == 2
-    assert told.count("Continues the session") == 1
+    assert told.count("Continuing the session") == 1
     folder = open_session(desk / "a" / "robot.toml")
     assert folder is not None
     assert go(stopped, monkeypatch, "--yes", "--session", str(folder.folder), cell="b/robot.toml") == 2

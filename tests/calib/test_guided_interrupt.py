@@ -51,7 +51,7 @@ def test_an_interrupted_step_names_one_way_on_and_doing_the_run_again_is_that_wa
     real = program.start
     assert go(Planner([]), monkeypatch, "--new", "--quick", "--yes") == 130
     told = capsys.readouterr()
-    assert "what was begun stands in" in told.err
+    assert "what was begun is in" in told.err
     assert "--again" not in told.err
     assert "`calib go mock-ur10e` continues it" in told.out
     folder = session(desk).folder

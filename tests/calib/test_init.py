@@ -101,7 +101,7 @@ def test_a_model_file_becomes_a_mock_cell_that_can_be_checked(desk: Path, capsys
     assert main(["init", "--json"]) == 0
     printed = capsys.readouterr()
     assert json.loads(printed.out)["next"] == ["calib", "check", "my-own"]
-    assert "needed before a motion: ddq_max" in printed.err
+    assert "needed before any motion: ddq_max" in printed.err
     assert load_cell("my-own").table.driver == "mock"
     assert main(["check", "my-own", "--seconds", "0.1"]) == 0
 

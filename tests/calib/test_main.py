@@ -44,7 +44,7 @@ def test_a_place_that_cannot_be_written_is_answered_in_one_sentence(capsys: pyte
     assert program.main(["export", "ur10e", "--out", "/proc/none/here"]) == 2
     error = capsys.readouterr().err
     assert error.startswith("calib: /proc/none: ")
-    assert "may be written" in error
+    assert "is writable" in error
     assert error.count("\n") == 1
 
 
@@ -102,7 +102,7 @@ def test_where_no_file_can_be_written_there_is_still_a_sentence(tmp_path: Path, 
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     monkeypatch.setattr(Path, "write_text", full)
-    assert "no file could be written" in write_fault(ValueError("a bug"), ["effects"], [tmp_path])
+    assert "could not be written to a file" in write_fault(ValueError("a bug"), ["effects"], [tmp_path])
 
 
 def test_libraries_complain_into_the_file_and_not_to_the_terminal(

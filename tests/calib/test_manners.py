@@ -120,7 +120,7 @@ def test_mistake(line: str, desk: Path, snapshot: SnapshotAssertion, capsys: pyt
 def test_a_log_of_another_arm_is_reported(desk: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["validate", "ur10e", "excitation.mcap", "--no-forward"]) == 2
     printed = " ".join(capsys.readouterr().err.split())
-    assert "excitation.mcap: was recorded of servo6 and is read for ur10e" in printed
+    assert "excitation.mcap: was recorded with servo6 and is read for ur10e" in printed
     assert "Most likely cause: it is a recording of servo6" in printed
     assert main(["validate", "ur10e", "excitation.mcap", "--no-forward", "--assume", "as-recorded"]) == 2
     assert "wrong arm" in capsys.readouterr().out

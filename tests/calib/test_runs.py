@@ -69,7 +69,7 @@ def test_an_interrupted_run_says_where_it_stands_and_how_to_repeat_it(capsys: py
     run = read_run("servo6")
     assert (run.exit_code, run.sentence) == (130, "interrupted by the operator")
     error = capsys.readouterr().err
-    assert f"interrupted; nothing more was done; what was begun stands in {run.folder}" in error
+    assert f"interrupted; nothing more was done; what was begun is in {run.folder}" in error
     assert f"`calib runs {run.folder} --again`" in error
     assert main(["runs", str(run.folder), "--again"]) == 130
 

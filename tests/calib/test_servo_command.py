@@ -110,7 +110,7 @@ def test_a_scan_writes_the_cell_that_hands_show(
     monkeypatch.setattr("drivers.can_servo.by_hand.ByHand.turned", lambda hands: next(turns))
     out = tmp_path / "my-arm.toml"
     assert main(["servo", "scan", *bus_of(there[0]), "--arm", "servo6", "--out", str(out)]) == 0
-    assert "that was damiao node 5, which is shoulder_lift_joint" in capsys.readouterr().err
+    assert "that was damiao node 5, which is already shoulder_lift_joint" in capsys.readouterr().err
     servos = load_cell(out).table.options["servos"]
     assert [(s["node"], s["feedback"], s["direction"]) for s in servos] == [
         (6, 22, 1), (5, 21, -1), (4, 20, 1), (3, 19, -1), (2, 18, 1), (1, 17, 1),
@@ -118,7 +118,7 @@ def test_a_scan_writes_the_cell_that_hands_show(
     assert main(["check", str(out)]) == 2
     assert "needs kp and kd above zero" in capsys.readouterr().err
     assert main(["servo", "scan", *bus_of(there[0]), "--arm", "servo6", "--out", str(out)]) == 2
-    assert "is there already" in capsys.readouterr().err
+    assert "exists already" in capsys.readouterr().err
 
 
 def test_a_scan_makes_the_folder_of_its_cell_and_names_an_arm_by_its_path(
@@ -136,9 +136,9 @@ def test_a_scan_makes_the_folder_of_its_cell_and_names_an_arm_by_its_path(
 @pytest.mark.parametrize(("words", "code", "message"), [
     (["--interface", "virtual", "--channel", "x", "--arm", "servo6", "--out", "my arm.toml"], 2, "must be letters"),
     (["--interface", "virtual", "--channel", "nobody-there"], 4, "no drive answered at 1000000 bit/s"),
-    (["--interface", "nonsense", "--channel", "x"], 2, "python-can has none of that name"),
+    (["--interface", "nonsense", "--channel", "x"], 2, "python-can has no interface of that name"),
     (["--interface", "virtual", "--channel", "x", "--bitrate", "7"], 2, "bitrate = 7"),
-    (["--interface", "virtual", "--channel", "x", "--bus", "port"], 2, "no KEY=VALUE form"),
+    (["--interface", "virtual", "--channel", "x", "--bus", "port"], 2, "not KEY=VALUE"),
     (["--interface", "virtual", "--channel", "x", "--arm", "servo6"], 2, "belong together"),
 ])  # fmt: skip
 def test_a_scan_that_cannot_be(words: list[str], code: int, message: str, capsys: pytest.CaptureFixture[str]) -> None:

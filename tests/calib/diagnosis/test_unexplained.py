@@ -88,7 +88,7 @@ def test_a_dress_pack_that_drags_after_reversals_is_reported_as_hysteresis(ur10e
 
     found = asked(ur10e, hose).answer
     assert "hysteresis:shoulder_pan_joint" in unexplained_at(found, "shoulder_pan_joint")
-    assert variable("hysteresis:shoulder_pan_joint") == "the way since a reversal of shoulder_pan_joint"
+    assert variable("hysteresis:shoulder_pan_joint") == "the travel since a reversal of shoulder_pan_joint"
 
 
 def test_a_damaged_tooth_is_reported_as_friction_at_one_angle(ur10e: Arm) -> None:

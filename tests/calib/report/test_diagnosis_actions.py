@@ -30,7 +30,7 @@ def test_a_refused_correction_is_no_agreement() -> None:
     assert (diagnosis.style(data), exit_code(data)) == ("open", 1)
     steps = diagnosis.next_steps(data)
     assert "Look at elbow_joint’s curves in the report, and record the motion again." in steps
-    assert "The arm stays as it was: no corrected arm that was tried is better." in steps
+    assert "The arm stays unchanged: none of the corrected arms that were tried is better." in steps
     assert not any(step.startswith("Nothing to do") for step in steps)
     data["gap"] = data["gap"] | {"refit": [0.5 * x for x in data["gap"]["before"]]}
     assert any(step.startswith("Refit the ordinary parameters with calib identify") for step in diagnosis.next_steps(data))

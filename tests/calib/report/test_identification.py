@@ -42,7 +42,7 @@ def test_in_a_browser(tmp_path: Path, visit: Callable[..., Visit]) -> None:
 def test_a_fit_without_held_out_log_says_so(tmp_path: Path) -> None:
     evidence = examples.motion(300) | {"log": "excitation.mcap"}
     html = identification.write(tmp_path / "p.html", fit(holdout=False).as_dict(), evidence).read_text()
-    assert "a log that the fit was made from (no log was held out)" in html
+    assert "a log of the fit itself (no log was held out)" in html
 
 
 def test_a_links_parameter_is_not_counted_as_a_base_parameter(tmp_path: Path) -> None:

@@ -48,7 +48,7 @@ def test_a_full_standard_output_is_named_and_the_run_is_what_it_is(tmp_path: Pat
     assert done.returncode == 2
     assert (
         done.stderr.splitlines()[-1]
-        == "calib: standard output cannot be written: No space left on device; the result stands in run"
+        == "calib: standard output cannot be written: No space left on device; the result is in run"
     )
     assert read_toml(tmp_path / "run/run.toml")["end"]["exit_code"] == 0
 

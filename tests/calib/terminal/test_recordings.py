@@ -109,7 +109,7 @@ def test_an_arm_that_was_changed_in_the_recording_is_refused(tmp_path: Path) -> 
     arm = load_arm("servo6")
     files = dict(about_recording(arm).files)
     files["arm/arm.toml"] = files["arm/arm.toml"].replace(b"rate", b"# \nrate", 1)
-    with pytest.raises(BadLog, match="not the one that it was recorded of"):
+    with pytest.raises(BadLog, match="not the one that was recorded"):
         recorded_arm(recorded(tmp_path / "a.mcap", arm, files))
 
 
@@ -144,7 +144,7 @@ def test_without_an_arm_inside_the_one_of_that_name_is_taken_and_a_change_is_rep
     assert recorded_arm(recorded(tmp_path / "a.mcap", arm, {})).sha256 == arm.sha256
     assert capsys.readouterr().err == ""
     recorded_arm(recorded(tmp_path / "b.mcap", arm, {}, arm_sha256="0" * 64))
-    assert "is not as it was when this was recorded" in " ".join(capsys.readouterr().err.split())
+    assert "has changed since this was recorded" in " ".join(capsys.readouterr().err.split())
     for name in ("../servo6", "/etc", ""):
         with pytest.raises(ConfigError, match="neither holds an arm nor names one"):
             recorded_arm(recorded(tmp_path / f"c{len(name)}.mcap", arm, {}, arm=name))
@@ -207,7 +207,7 @@ def test_a_place_that_is_taken_is_refused_before_anything_is_read(tmp_path: Path
     (tmp_path / "thesis.tex").touch()
     for verb in ("identify", "diagnose", "validate"):
         assert main([verb, "servo6", str(tmp_path / "typo.csv"), "--out", str(tmp_path)]) == 2
-        assert "holds files that are not those of a run" in capsys.readouterr().err
+        assert "holds files that do not belong to a run" in capsys.readouterr().err
 
 
 def test_the_sentence_about_a_missing_recording_has_a_remedy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

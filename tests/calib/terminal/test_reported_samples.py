@@ -41,7 +41,7 @@ def test_samples_that_an_import_would_put_right_are_reported(
     read_logs([tmp_path / "log.mcap"], load_arm("servo6"))
     read_pieces([tmp_path / "log.mcap"], load_arm("servo6"), tmp_path)
     printed = " ".join(capsys.readouterr().err.split())
-    assert printed.count("`calib import` puts right what can be") == (2 if what in ("jitter", "repeats") else 0)
+    assert printed.count("`calib import` corrects what can be") == (2 if what in ("jitter", "repeats") else 0)
     assert ("repeat the one before" in printed) == (what == "repeats")
     assert ("the clock was rebuilt" in printed) == (what == "jitter")
     lines = [line.partition("log.mcap: ")[2] for line in printed.split("calib: ")[1:]]

@@ -69,10 +69,10 @@ def test_a_careless_driver_is_found_out_in_every_place(arm):
         "before connect, read is refused",
         "before connect, send is refused",
         "before connect, stop and close are harmless",
-        "connect says what the device is",
+        "connect reports what the device is",
         "connect moves nothing",
-        "readings are new: both clocks go on, none comes twice",
-        "readings come at the rate that is stated",
+        "readings are new: both clocks advance, and no reading repeats",
+        "readings come at the stated rate",
         "a command of NaN is refused",
         "a command of infinity is refused",
         "a command of one number too many is refused",
@@ -80,7 +80,7 @@ def test_a_careless_driver_is_found_out_in_every_place(arm):
         "a command whose speed is NaN is refused",
         "a command whose torque is NaN is refused",
         "send never clamps",
-        "close ends without an error, and again",
+        "close ends without an error, also when repeated",
         "after close, send is refused",
         "with `with`, the device is released after an error",
         "a closed device can be connected again",
@@ -100,7 +100,7 @@ def test_an_arm_that_cannot_be_is_found_out(arm, tmp_path):
     (folder / "model.xml").write_text(arm.model_text)
     (folder / "arm.toml").write_text(text.replace("tau_max = [330.0, 330.0", "tau_max = [330.0, 3.0"))
     assert {p.name for p in broken(check_arm(folder))} == {
-        "its motors can hold it", "a posture is free of itself, and a motion about it fits its limits",
+        "its motors can hold it", "one posture is free of self-collision, and a motion around it fits the limits",
     }  # fmt: skip
     assert [p.name for p in broken(check_arm(tmp_path / "nowhere"))] == ["it loads"]
 
@@ -121,9 +121,9 @@ def test_a_careless_effect_is_found_out(arm):
     names = {p.name for p in broken(check_effect(Wrong(), arm))}
     assert {
         "the catalogue has it under its name",
-        "it says what it is, how it looks, and from where",
+        "it states what it is, how it looks, and its source",
         "every parameter has a unit, a meaning, and typical values within its bounds",
-        "what imitates it is a finite torque along the motion",
+        "its imitators are finite torques along the motion",
     } <= names
 
 
