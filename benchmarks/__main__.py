@@ -1,7 +1,7 @@
-"""`python -m benchmarks [TOPIC...] [--json FILE]`: run the topics one after the other and print what was measured in one table.
+"""`python -m benchmarks [TOPIC...] [--json FILE]`: measure the topics in turn and print one table.
 
-Without a topic all of them run, each with the few repeats that stand beside it below, so that the whole takes well under an hour; a topic
-that is named runs in full. Each writes results/TOPIC.json, from which README and docs are built (`make figures`).
+Without a topic, the fast topics run with reduced repeats, which takes well under an hour in all. A named topic runs in full.
+Each topic writes results/TOPIC.json, from which README and docs are built (`make figures`).
 """
 
 from __future__ import annotations
@@ -23,8 +23,9 @@ from rich.table import Table
 
 from benchmarks import ONE_THREAD, results
 
-# each is a module of this package with run(...) -> rows of what, value, unit, bar, note, and MEASURES, the paths and modules whose change outdates them
-# (the module itself where it has none); here with what it is given when none is named
+# each topic is a module of this package with run(...) -> rows of what, value, unit, bar, note, and MEASURES: the paths and
+# modules whose change outdates the rows (default: the module itself). The values here are the arguments of a run without a
+# named topic
 TOPICS: dict[str, dict[str, Any]] = {
     "identification": {},
     "derivatives": {},
@@ -43,7 +44,7 @@ TOPICS: dict[str, dict[str, Any]] = {
     "fleet": {"arms": 3, "seconds": 60.0},
     "watch": {"repeats": 1, "minutes": 1.0},
 }
-# minutes to half an hour each: run only when named
+# minutes to half an hour each, so they run only when named
 SLOW = (
     "tracking",
     "coverage",
@@ -62,7 +63,7 @@ SLOW = (
     "monitor_process",
     "first_day",
 )
-# in slices: a run goes on where the last one ended
+# measured in slices: a run continues where the last one stopped
 SLICED = (
     "faults",
     "soak",
@@ -82,7 +83,7 @@ SLICED = (
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """The table of every topic requested, with the load of the computer beside it; exit code 1 where a topic could not be measured."""
+    """Print a table of the requested topics with the machine's load. Exit code 1 if a topic could not be measured."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
     parser.add_argument("topic", nargs="*", help=f"of {', '.join(TOPICS)}, which run if none is named, and {', '.join(SLOW)}")
     parser.add_argument("--json", type=Path, metavar="FILE", help="also write the rows to this file")
@@ -111,7 +112,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         try:
             module = import_module(f"benchmarks.{topic}")
             measured = module.run(**options)
-        except Exception as error:  # the other topics' figures are worth having
+        except Exception as error:  # keep the figures of the other topics
             traceback.print_exc()
             failed.append(topic)
             measured = [{"what": "could not be measured", "value": "failed", "note": f"{type(error).__name__}: {error}"}]

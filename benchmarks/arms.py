@@ -1,10 +1,10 @@
-"""`python -m benchmarks.arms [NAME...] [--new]`: published arms through the whole line on the mock, one row each.
+"""`python -m benchmarks.arms [NAME...] [--new]`: take published arms through the whole workflow on the mock, one row each.
 
-`python -m benchmarks arms` goes on where the last call ended (build/arms.jsonl), for `minutes` at a time: `make arms`.
+`python -m benchmarks arms` continues where the last call stopped (build/arms.jsonl), for `minutes` at a time: `make arms`.
 
-The models are those of the wheel `example-robot-data`, unedited. Beside each stand the options that say what is the arm. All are given
-ddq_max and jerk_max, which no model format has. A fact beyond these is given only after a sentence has asked for it by name, and the row says
-so; a row that ends early carries the sentence that ended it. With --new the line ends after `calib arm new`.
+The models come unedited from the wheel `example-robot-data`, with the options that select the arm in each file. All arms are
+given ddq_max and jerk_max, which no model format has. Any further fact is given only after a message has asked for it by name,
+and the row records it. A row that ends early holds the message that ended it. With --new the run ends after `calib arm new`.
 """
 
 from __future__ import annotations
@@ -37,14 +37,14 @@ from sim.stated_facts import LIMIT_UNITS
 
 MEASURES = ("benchmarks.arms", *commands("arm", "check", "plan", "record", "identify", "diagnose", "export"))
 STEPS = ("new", "check", "plan", "record", "identify", "diagnose", "export")
-# of a row and how it comes about; another one makes earlier rows worthless
+# version of the row format and of how a row is measured; a new one discards earlier rows
 ROW = "arms/2"
-# s that a step may take, on a computer that is busy with other work too; longer is an end
+# s, time limit of a step on a computer that is busy with other work; exceeding it ends the row
 LONGEST = 3000.0
 
 
 def robots() -> Path:
-    """The folder of models in the wheel."""
+    """Folder of the models in the wheel."""
     try:
         files = distribution("example-robot-data").files or []
     except PackageNotFoundError:
@@ -54,7 +54,7 @@ def robots() -> Path:
 
 
 def line(name: str, home: Path, only_new: bool = False) -> dict[str, Any]:
-    """The row of one arm: how it ended, what it was given after a sentence that asked for it, and of the last attempt the seconds of each step."""
+    """Row of one arm: how it ended, the facts given on request, and the seconds of each step of the last attempt."""
     given: list[str] = []
     facts: list[str] = []
     while True:
@@ -69,7 +69,7 @@ def line(name: str, home: Path, only_new: bool = False) -> dict[str, Any]:
 
 
 def attempt(name: str, home: Path, facts: Sequence[str], only_new: bool = False) -> dict[str, Any]:
-    """The steps of one arm: seconds each, and the sentence that ended it where one did."""
+    """Take one arm through the steps: seconds of each, and the message that ended it, if any."""
     file, options = ARMS[name]
     numbers = [] if "--numbers" in facts else ["--numbers", "cad"]
     arm, cell, logs = home / name, home / f"{name}.toml", home / "logs"
@@ -97,7 +97,7 @@ def attempt(name: str, home: Path, facts: Sequence[str], only_new: bool = False)
             break
         row[step] = round(time.perf_counter() - begin, 1)
         written = home / "diagnosis" / "diagnosis.json"
-        # diagnose says "effects found" with 1: an answer, not a failure
+        # exit code 1 of diagnose means "effects found", not a failure
         if done.returncode and not (step == "diagnose" and done.returncode == 1 and written.exists()):
             row["ended"] = f"{step}: {sentence_of(done)}"
             break
@@ -114,16 +114,16 @@ def attempt(name: str, home: Path, facts: Sequence[str], only_new: bool = False)
                 break
             try:
                 cell.write_text(cell_text(name, arm), encoding="utf-8")
-            except AnswerIsNo as no:  # what `calib plan` would answer without a cell
+            except AnswerIsNo as no:  # what `calib plan` would report without a cell
                 row["ended"] = f"plan: {no}"
                 break
     return row
 
 
 def sentence_of(done: subprocess.CompletedProcess[str]) -> str:
-    """Why a command ended with another code than 0: its error, or the sentence in which its answer is no."""
+    """Why a command ended with a non-zero exit code: its error, or the sentence of a negative result."""
     answers = [line for line in done.stdout.splitlines() if line.startswith("Poor")]
-    if answers:  # beside it there may be notes, which begin as errors do
+    if answers:  # there may also be notes, which begin like errors
         return " ".join((answers[-1], *(line for line in done.stdout.splitlines() if DRIVES[0] in line)))[:900]
     lines = [line.strip() for line in (done.stdout + done.stderr).splitlines()]
     error = [k for k, line in enumerate(lines) if line.startswith("calib: ")]
@@ -133,7 +133,7 @@ def sentence_of(done: subprocess.CompletedProcess[str]) -> str:
 
 
 def answer(name: str, row: Mapping[str, Any], folder: Path) -> tuple[str, list[str]]:
-    """What the sentence that ended a row asks for, and the options that state it; nothing where it asks for no fact."""
+    """Fact that the message ending a row asks for, and the options that state it; ("", []) if it asks for none."""
     for sentence, options in FACTS.get(name, {}).items():
         if sentence in row["ended"]:
             return sentence.removeprefix("missing: "), options
@@ -149,7 +149,7 @@ def answer(name: str, row: Mapping[str, Any], folder: Path) -> tuple[str, list[s
 
 
 def invented(arm: Arm, file: Path, options: Sequence[str]) -> list[str]:
-    """The limits of an arm that neither its URDF nor an option states."""
+    """Limits of an arm that neither its URDF nor an option states."""
     given = {option.partition("=")[0] for option in options}
     stated = {}
     for joint in ElementTree.parse(file).getroot().iter("joint"):
@@ -168,9 +168,9 @@ def invented(arm: Arm, file: Path, options: Sequence[str]) -> list[str]:
 
 
 def run(minutes: float = 30.0, names: Sequence[str] = tuple(ARMS)) -> list[dict[str, Any]]:
-    """A slice of the arms, then what came of each that was tried so far: rows of what, value, unit, bar, note.
+    """Try arms for `minutes`; return rows (what, value, unit, bar, note) over all arms tried so far.
 
-    Arms that were never tried come first, then those that failed on other code than this, then those that came through on other code.
+    Order: arms never tried, then arms that failed on older code, then arms that passed on older code.
     """
     end = time.monotonic() + 60 * minutes
     code = " ".join(digest(path) for path in MEASURES)
@@ -188,7 +188,7 @@ def run(minutes: float = 30.0, names: Sequence[str] = tuple(ARMS)) -> list[dict[
 
 
 def rows(found: Mapping[str, Mapping[str, Any]], code: str) -> list[dict[str, Any]]:
-    """The counts, then a row for each arm; one that was tried on other code than `code` names its commit."""
+    """The counts, then one row per arm. An arm tried on code other than `code` names its commit."""
     older = {name for name, row in found.items() if row["code"] != code}
     tried = f"{len(found)} of {len(ARMS)} tried" + f", {len(older)} of them on an older commit" * bool(older)
     through = [row for row in found.values() if not row["ended"]]
@@ -217,7 +217,7 @@ def rows(found: Mapping[str, Mapping[str, Any]], code: str) -> list[dict[str, An
 
 
 def main() -> None:
-    """Run the arms and print the table; exit code 1 where one did not come through."""
+    """Run the arms and print the table. Exit code 1 if any arm did not pass."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.arms", description=__doc__)
     parser.add_argument("name", nargs="*", help=f"of {', '.join(ARMS)}; all if none")
     parser.add_argument("--new", action="store_true", help="only `calib arm new`")

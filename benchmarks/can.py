@@ -1,8 +1,9 @@
-"""A servo arm over CAN: codecs against the DBC files, cycles and losses over two transports, reactions to faults.
+"""A servo arm over CAN: codecs against the DBC files, cycle times and losses over two transports, reactions to faults.
 
-The drives are emulated and share this computer with the driver: the figures of the wire are of driver, python-can, emulated drives
-and scheduler together, not of a bus. Reactions are measured on the simulated clock, where they are exact and repeatable: they are of
-the driver's rules. `python -m benchmarks can` makes them all; `python -m benchmarks.can codec`, `slcan`, `socketcand` or `reactions` a part.
+The drives are emulated and share this computer with the driver. The wire figures therefore cover driver, python-can, emulated
+drives and scheduler together, not a real bus. Reactions are measured on the simulated clock, where they are exact and
+repeatable; they describe the driver's rules. `python -m benchmarks can` measures everything; `python -m benchmarks.can codec`,
+`slcan`, `socketcand` or `reactions` measures one part.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ from sim.errors import DeviceError
 MEASURES = ("benchmarks.can", "drivers/can_servo")
 RATE = 200.0
 PRIORITY = 40
-SPEED, REACH = 0.5, 0.25  # rad/s of every joint when a fault comes, rad from where it started
+SPEED, REACH = 0.5, 0.25  # rad/s of every joint at the fault, rad amplitude of the motion
 STANDSTILL = 0.05  # rad/s
 JOINT = "elbow_joint"
 # fault -> bar in periods, from the fault to the DeviceError
@@ -48,7 +49,7 @@ FAULTS = {
 
 
 def cycles(transport: str, seconds: float) -> list[dict[str, Any]]:
-    """Time from the first frame of a cycle to the last answer, six drives, and what was lost on the way."""
+    """Time from the first frame of a cycle to the last reply of six drives, and the losses."""
     with _wired(transport) as driver:
         took, late = _stream(driver, seconds)
         retries, link = driver.joints.lost, driver.link
@@ -68,7 +69,7 @@ def cycles(transport: str, seconds: float) -> list[dict[str, Any]]:
 
 
 def _stream(driver: CanServo, seconds: float) -> tuple[np.ndarray, np.ndarray]:
-    """Swing all joints; time from sending to the last answer, and lateness of each cycle, s."""
+    """Swing all joints. Return, per cycle, the time from sending to the last reply and the lateness, s."""
     rest = driver.read().q
     driver.engage()
     rest, w, took, at = driver.read().q, 2 * np.pi * 0.25, [], []
@@ -84,7 +85,7 @@ def _stream(driver: CanServo, seconds: float) -> tuple[np.ndarray, np.ndarray]:
 
 @contextlib.contextmanager
 def _wired(transport: str) -> Iterator[CanServo]:
-    """A connected driver, its drives in a process of their own; both at real-time priority where one may."""
+    """A connected driver with its drives in a separate process, both at real-time priority if permitted."""
     shipped = load_cell("emulated-servo6")
     with tempfile.TemporaryDirectory() as folder:
         where: dict[str, Any] = {
@@ -115,7 +116,7 @@ def _wired(transport: str) -> Iterator[CanServo]:
 
 @contextlib.contextmanager
 def _real_time() -> Iterator[None]:
-    """What `calib record` asks for too: no garbage collection, real-time priority where it is granted."""
+    """Same settings as `calib record`: no garbage collection, and real-time priority if it is granted."""
     gc.collect()
     gc.freeze()
     gc.disable()
@@ -138,10 +139,10 @@ def _emulate(cell: Cell, pipe: Connection) -> None:
 
 
 def reactions(repeats: int = 50, faults: Sequence[str] = tuple(FAULTS)) -> list[dict[str, Any]]:
-    """From each fault at 0.5 rad/s of every joint, at random instants of the period: until the DeviceError, and until the arm stands.
+    """Time from each fault to the DeviceError and to standstill, with the angle turned.
 
-    Where nothing can be sent any more the end is that the drives let go by their watchdog. A drive that is off lets its joint fall: the
-    angle is that of the others.
+    Every joint moves at 0.5 rad/s; the fault comes at a random instant of the period. If nothing can be sent any more, the end
+    is when the drives' watchdog disables them. A disabled drive lets its joint fall, so the angle is that of the other joints.
     """
     cell, arm = load_cell("emulated-servo6"), load_arm("servo6")
     rows = []
@@ -159,7 +160,7 @@ def reactions(repeats: int = 50, faults: Sequence[str] = tuple(FAULTS)) -> list[
 
 
 def _reaction(cell: Cell, arm: Arm, fault: str, seed: int) -> tuple[float, float, float]:
-    """Periods until the driver says so; s and rad until the arm stands or is let go."""
+    """Periods until the driver reports the fault, s until standstill or until the drives are disabled, rad turned by then."""
     rest = np.array(cell.table.rest)
     options = can_options(cell, arm)
     bus, clock = build_bus(cell, arm, options, rest.tolist()), SimulatedClock()
@@ -190,7 +191,7 @@ def _reaction(cell: Cell, arm: Arm, fault: str, seed: int) -> tuple[float, float
         stands = np.max(np.abs(state.dq[held])) < STANDSTILL
         if not bus.body.live.any() or (stands and fault not in UNREACHABLE):
             break
-        driver.keep()  # what the driver does in the background outside simulated time
+        driver.keep()  # in real time the driver does this in the background
         clock.sleep_until(clock.now() + 1.0 / RATE)
         bus.advance(clock.now())
     took = clock.now() - start

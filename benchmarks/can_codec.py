@@ -1,4 +1,4 @@
-"""Encoding and decoding of CAN frames against an independent implementation, and their time."""
+"""CAN frame encoding and decoding compared with an independent implementation: differences and CPU time."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ UNREACHABLE = ("error-frames", "error-passive", "bus-off", "tx-full", "unplugged
 
 
 def codec() -> list[dict[str, Any]]:
-    """Every family's command and feedback frames, random over the whole range, against cantools on the shipped DBC files."""
+    """Command and feedback frames of every family, random over the full range, against cantools on the shipped DBC files."""
     rows = []
     for family, (q_max, dq_max, tau_max) in {"damiao": (12.5, 30.0, 10.0), "cubemars": (12.5, 8.0, 144.0)}.items():
         q, dq, tau = (

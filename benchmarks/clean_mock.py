@@ -1,8 +1,8 @@
-"""Mock arms with nothing hidden: does any effect get a name, and does identification make the arm worse?
+"""Mock arms with nothing hidden: is any effect identified, and does identification make the arm worse?
 
-`python -m benchmarks clean_mock`: 100 sessions shared out to the shipped arms, each of random motions of two times 20 s to fit and 20 s
-held out, through the mock driver. A run goes on where the last one ended (build/clean_mock.jsonl), for `minutes` at a time. The first
-session of each arm is also identified.
+`python -m benchmarks clean_mock`: 100 sessions distributed over the shipped arms. Each has two random motions of 20 s to fit
+and one of 20 s held out, recorded through the mock driver. The first session of each arm is also identified. A run continues
+where the last one stopped (build/clean_mock.jsonl), for `minutes` at a time.
 """
 
 from __future__ import annotations
@@ -36,13 +36,13 @@ from sim.resources import shipped_configs
 from sim.trajectory import Trajectory
 
 COUNT = 100
-RATE = 250.0  # Hz, of the demo
-LONGEST = 3600.0  # s that one session may take, on a computer that is busy with other things
+RATE = 250.0  # Hz, as in the demo
+LONGEST = 3600.0  # s, time limit of one session on a computer that is busy with other work
 MEASURES = ("benchmarks.clean_mock",)
 
 
 def driven(driver: Driver, motion: Trajectory, rate: float) -> Log:
-    """What a connected driver reports along a motion, without the guard: the commands are the motion's own samples."""
+    """Log of a connected driver along a motion, without the guard: the commands are samples of the motion itself."""
     t = np.arange(0.0, motion.t[-1] - motion.t[0], 1 / rate)
     q, dq = (np.stack([np.interp(t, motion.t - motion.t[0], x) for x in wanted.T], axis=1) for wanted in (motion.q, motion.dq))
     states, nothing = [], np.zeros(q.shape[1])
@@ -56,7 +56,10 @@ def driven(driver: Driver, motion: Trajectory, rate: float) -> Log:
 
 
 def session(name: str, seed: int, identified: bool) -> dict[str, Any]:
-    """Verdict and names of one session of an arm that is as its file says; the held-out residual RMS, identified over nominal."""
+    """Diagnose one session of an arm that matches its file: verdict, effect names, residual over noise.
+
+    If `identified`, `ratio` is the held-out residual RMS of the identified model over that of the nominal one.
+    """
     arm = load_arm(name)
     rate = min(RATE, arm.sensors.rate)
     recordings = []
@@ -77,7 +80,7 @@ def session(name: str, seed: int, identified: bool) -> dict[str, Any]:
 
 
 def run(minutes: float = 10.0, count: int = COUNT) -> list[dict[str, Any]]:
-    """A slice of the sessions, then the rows of all that ended so far: what, value, unit, bar, note."""
+    """Run sessions for `minutes`; return rows (what, value, unit, bar, note) over all sessions finished so far."""
     end = time.monotonic() + 60 * minutes
     kept = Kept(FOLDER / "clean_mock.jsonl", " ".join(digest(path) for path in MEASURES))
     arms = sorted(folder.name for folder in (shipped_configs() / "arms").iterdir())
@@ -95,7 +98,7 @@ def run(minutes: float = 10.0, count: int = COUNT) -> list[dict[str, Any]]:
 
 
 def rows(found: Sequence[Mapping[str, Any]], count: int, arms: int) -> list[dict[str, Any]]:
-    """The rows of the sessions that ended."""
+    """Rows over the finished sessions."""
     named = [f"{f['arm']}: {', '.join(f['names'])}" for f in found if f["names"]]
     other = [f"{f['arm']}: {f['verdict']}" for f in found if f["verdict"] != "no_missing_effect"]
     out: list[dict[str, Any]] = [

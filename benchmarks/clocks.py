@@ -1,4 +1,4 @@
-"""Time in a recording: how well the fit of the two clocks and the delay of the torque channel are found again where they are known."""
+"""Time in a recording: accuracy of the fit between two clocks and of the torque delay, against known values."""
 
 from __future__ import annotations
 
@@ -24,14 +24,17 @@ def row(what: str, value: Any, unit: str = "", bar: str = "", note: str = "") ->
 
 
 def two_clocks(rng: np.random.Generator, skew: float, jump: float) -> tuple[np.ndarray, np.ndarray]:
-    """A minute at 500 Hz: latency of 0.3 ms with a tail, one sample in 500 that is 10 ms late, and a jump in the middle, s."""
+    """Device and host times, s, of a minute at 500 Hz with a latency tail and a jump halfway.
+
+    Latency: 0.3 ms plus an exponential tail of 0.2 ms; one sample in 500 is late by 10 ms on average.
+    """
     device = np.maximum.accumulate(np.arange(MINUTE) / RATE + rng.normal(0, 2e-5, MINUTE))
     latency = 3e-4 + rng.exponential(2e-4, MINUTE) + (rng.random(MINUTE) < 0.002) * rng.exponential(0.01, MINUTE)
     return device, device * (1 + skew) + latency + jump * (device >= device[MINUTE // 2])
 
 
 def clock_rows(repeats: int) -> list[dict[str, Any]]:
-    """Errors of the skew, and jumps that were found, over random skews."""
+    """Skew errors, and jumps found, over random skews."""
     rng = np.random.default_rng(0)
     wrong, found, false = [], 0, 0
     for _ in range(repeats):
@@ -63,7 +66,7 @@ def swing(seconds: float) -> Trajectory:
 
 
 def late(motion: Trajectory, torque: np.ndarray, arm: Arm, delay: float, rng: np.random.Generator) -> Log:
-    """What is read at RATE where the torque lags by `delay`, with the arm's own noise."""
+    """Readings at RATE with the torque lagging by `delay`, with the arm's own noise."""
     t = np.arange(0.02, motion.t[-1] - 0.02, 1 / RATE)
     q = np.stack([np.interp(t, motion.t, x) for x in motion.q.T], axis=1)
     tau = np.stack([np.interp(t - delay, motion.t, x) for x in torque.T], axis=1)
@@ -74,7 +77,7 @@ def late(motion: Trajectory, torque: np.ndarray, arm: Arm, delay: float, rng: np
 
 
 def delay_rows(repeats: int, seconds: float = 30.0) -> list[dict[str, Any]]:
-    """Delays of no, half a and one sample between torque and motion, found again."""
+    """Estimates of delays between torque and motion of zero, half a sample (both signs) and one sample."""
     arm, motion, rng, out = load_arm(ARM), swing(seconds), np.random.default_rng(0), []
     torque = predict(arm, motion)
     for samples in (0.0, 0.5, -0.5, 1.0):

@@ -1,6 +1,7 @@
-"""Whether stated uncertainties are true: 95 % intervals of many seeded arms, on the mock and by formula with coloured noise.
+"""Whether reported uncertainties are correct: coverage of 95 % intervals over many seeded arms.
 
-`python -m benchmarks coverage` takes some ten minutes, three of them by formula; COVERAGE_RUNS (50) and COVERAGE_FORMULA_RUNS (200) change the numbers of runs.
+Arms are recorded on the mock, or computed by formula with coloured noise. `python -m benchmarks coverage` takes about ten
+minutes, three of them by formula. COVERAGE_RUNS (50) and COVERAGE_FORMULA_RUNS (200) set the numbers of runs.
 """
 
 from __future__ import annotations
@@ -26,10 +27,10 @@ KINDS = ("base", "viscous", "coulomb", "offset")
 
 @dataclass(frozen=True)
 class Coverage:
-    """Of many runs: z (runs, p) errors over stated deviations, whether each was called identifiable, and the kind of each column.
+    """Results of many runs: z (runs, p) errors over their reported std, whether each was identifiable, and the column kinds.
 
-    residual: (runs, 2, n) held-out torque residual over the peak torque, of sliding joints and with the reversals, at which a joint that
-    sticks holds any torque within its friction; empty where there was no held-out log.
+    residual: (runs, 2, n) held-out torque residual over peak torque, first of sliding joints only, then with reversals
+    included. At a reversal a sticking joint holds any torque within its friction. Empty if there was no held-out log.
     """
 
     z: np.ndarray
@@ -38,19 +39,19 @@ class Coverage:
     residual: np.ndarray
 
     def within(self, sigmas: float, kind: str | None = None) -> float:
-        """Share of identifiable parameters, of one kind or all, that lie within `sigmas` stated deviations."""
+        """Share of identifiable parameters, of one kind or all, whose error is below `sigmas` reported std."""
         chosen = self.identifiable & ((self.kinds == kind) if kind else True)
         return float(np.mean(np.abs(self.z[chosen]) < sigmas))
 
     def least_of_any(self, sigmas: float) -> float:
-        """The same share of the worst single parameter among those called identifiable in at least half of the runs."""
+        """The same share for the worst single parameter that is identifiable in at least half of the runs."""
         often = self.identifiable.mean(axis=0) >= 0.5
         inside = np.where(self.identifiable, np.abs(self.z) < sigmas, True)
         return float(inside[:, often].mean(axis=0).min())
 
 
 def on_mock(name: str, runs: int, progress: Callable[[int], None] = lambda run: None) -> Coverage:
-    """Arms that differ from the nominal one as `varied` says, recorded on the mock: two motions to fit, a third held out."""
+    """Arms that differ from the nominal one by `varied`, recorded on the mock: two motions to fit, a third held out."""
     nominal = load_arm(name)
     motions = [fitting_motion(nominal, seed) for seed in (1, 2, 3)]
 
@@ -67,7 +68,7 @@ def on_mock(name: str, runs: int, progress: Callable[[int], None] = lambda run: 
 
 
 def by_formula(name: str, runs: int, memory: float = 0.8, progress: Callable[[int], None] = lambda run: None) -> Coverage:
-    """The same with torque noise of that memory (AR(1)) on the formula's torque, without a held-out log."""
+    """The same with computed torque and AR(1) torque noise of coefficient `memory`, without a held-out log."""
     nominal = load_arm(name)
     motions = [fourier_motion(nominal, seed) for seed in (1, 2)]
 
@@ -80,7 +81,7 @@ def by_formula(name: str, runs: int, memory: float = 0.8, progress: Callable[[in
 
 
 def of_payload(name: str, runs: int, memory: float = 0.8, progress: Callable[[int], None] = lambda run: None) -> np.ndarray:
-    """(runs, 4) errors of mass and centre of mass over their stated deviations."""
+    """Errors of mass and centre of mass over their reported std, (runs, 4)."""
     nominal = load_arm(name)
     motions = [fourier_motion(nominal, seed) for seed in (1, 2)]
     out = []
@@ -141,7 +142,7 @@ def run() -> list[dict[str, Any]]:
 
 
 def worst(found: Coverage, which: int) -> float:
-    """% of the peak torque, mean over the runs, of the joint where it is largest."""
+    """Residual of the worst joint, % of peak torque, mean over the runs."""
     return 100 * float(found.residual[:, which].mean(axis=0).max())
 
 

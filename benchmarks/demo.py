@@ -1,8 +1,8 @@
-"""The demo with every seed: is what was hidden the first name, and the only one?
+"""The demo over many seeds: is the hidden effect the first one named, and the only one?
 
-`python -m benchmarks demo`: 200 seeds of `calib demo`. Each draws its effect as the demo does, is recorded on the demo's own motions by the
-mock driver of the demo's own cell, and diagnosed as the demo does it. What does not bear on that answer is left out: check, guard,
-identify, validate, pages. A run goes on where the last one ended (build/demo.jsonl), for `minutes` at a time.
+`python -m benchmarks demo`: 200 seeds of `calib demo`. Each draws its effect as the demo does, is recorded by the mock driver
+on the demo's own motions and cell, and is diagnosed as in the demo. Steps that do not affect the diagnosis are left out: check,
+guard, identify, validate, pages. A run continues where the last one stopped (build/demo.jsonl), for `minutes` at a time.
 """
 
 from __future__ import annotations
@@ -36,12 +36,12 @@ from sim.trajectory import Trajectory
 
 COUNT = 200
 CELL = "mock-ur10e"
-LONGEST = 3600.0  # s that one seed may take, on a computer that is busy with other things
+LONGEST = 3600.0  # s, time limit of one seed on a computer that is busy with other work
 MEASURES = ("benchmarks.demo",)
 
 
 def hidden_in(seed: int, folder: Path) -> tuple[Arm, Cell, ArmEffect]:
-    """The arm, the cell in which the demo hides what `seed` draws, and what that is."""
+    """The arm, the cell in which the demo hides the effect drawn with `seed`, and that effect."""
     shown = load_cell(CELL)
     arm = load_arm_of(shown)
     hidden = demo.hide(arm, np.array(shown.table.home), seed)
@@ -51,7 +51,10 @@ def hidden_in(seed: int, folder: Path) -> tuple[Arm, Cell, ArmEffect]:
 
 @cache
 def motions() -> tuple[Trajectory, ...]:
-    """Friction, excitation and validation as `calib plan --quick` makes them for the demo's cell; planned once, for no seed changes them."""
+    """Friction, excitation and validation motions of `calib plan --quick` for the demo's cell.
+
+    Planned once: no seed changes them.
+    """
     place = FOLDER / f"demo-plan-{digest('calib/excitation')}-{digest('safety')}"
     if not place.is_dir():
         with tempfile.TemporaryDirectory(prefix="calib-") as folder:
@@ -63,7 +66,7 @@ def motions() -> tuple[Trajectory, ...]:
 
 
 def answered(seed: int) -> dict[str, Any]:
-    """What was hidden and what was found: the names in their order, and the demo's own sentence."""
+    """Hidden effect, named effects in order, verdict, and whether the demo counts the answer as right."""
     with tempfile.TemporaryDirectory(prefix="calib-") as folder:
         arm, cell, hidden = hidden_in(seed, Path(folder))
         driver = MockDriver.from_cell(cell, arm)
@@ -76,7 +79,7 @@ def answered(seed: int) -> dict[str, Any]:
 
 
 def run(minutes: float = 10.0, count: int = COUNT) -> list[dict[str, Any]]:
-    """A slice of the seeds, then the rows of all that ended so far: what, value, unit, bar, note."""
+    """Run seeds for `minutes`; return rows (what, value, unit, bar, note) over all seeds finished so far."""
     end = time.monotonic() + 60 * minutes
     kept = Kept(FOLDER / "demo.jsonl", " ".join(digest(path) for path in MEASURES))
     motions()
@@ -93,7 +96,7 @@ def run(minutes: float = 10.0, count: int = COUNT) -> list[dict[str, Any]]:
 
 
 def rows(found: Mapping[int, Mapping[str, Any]], count: int) -> list[dict[str, Any]]:
-    """The rows of the seeds that ended."""
+    """Rows over the finished seeds."""
     first = [seed for seed, f in found.items() if f["names"][:1] != [f["hidden"]]]
     alone = [seed for seed, f in found.items() if not f["right"]]
     out: list[dict[str, Any]] = [
@@ -108,7 +111,7 @@ def rows(found: Mapping[int, Mapping[str, Any]], count: int) -> list[dict[str, A
 
 
 def _which(found: Mapping[int, Mapping[str, Any]], wrong: Sequence[int]) -> str:
-    """The seeds that went wrong, with what was hidden and what was found."""
+    """The seeds with a wrong answer: what was hidden and what was found."""
     return "; ".join(
         f"seed {seed}: {found[seed]['hidden'][0]}, found {', '.join(name for name, _ in found[seed]['names']) or found[seed]['verdict']}"
         for seed in wrong

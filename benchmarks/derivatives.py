@@ -1,7 +1,8 @@
-"""Speed and acceleration from noisy positions: Savitzky-Golay (what `calib.measurement.preprocessing` does), an RTS smoother, and period averaging.
+"""Velocity and acceleration from noisy positions by Savitzky-Golay filter, RTS smoother and period averaging.
 
-The RTS smoother is filterpy's (H. Rauch, F. Tung, C. Striebel 1965) with the state (q, dq, ddq, jerk) driven by white jerk rate, whose
-intensity is the motion's own. Period averaging fits the harmonics of a known period and differentiates them exactly (J. Swevers et al. 1997).
+The Savitzky-Golay filter is that of `calib.measurement.preprocessing`. The RTS smoother is filterpy's (H. Rauch, F. Tung, C.
+Striebel 1965). Its state is (q, dq, ddq, jerk), driven by a white jerk rate with the intensity of the motion itself. Period
+averaging fits the harmonics of a known period and differentiates them exactly (J. Swevers et al. 1997).
 """
 
 from __future__ import annotations
@@ -27,13 +28,13 @@ NOISES = (2e-5, 1e-3)
 
 
 def savitzky_golay(q: np.ndarray, rate: float, sigma: float, rough: float, cutoff: float) -> tuple[np.ndarray, np.ndarray]:
-    """dq and ddq by the window that the filter's cutoff asks for; sigma and rough play no part."""
+    """dq and ddq with the window of the filter's cutoff; sigma and rough are not used."""
     smooth = DerivativeFilter.of_cutoff(rate, cutoff)
     return smooth.derivative(q, 1), smooth.derivative(q, 2)
 
 
 def rts(q: np.ndarray, rate: float, sigma: float, rough: float, cutoff: float) -> tuple[np.ndarray, np.ndarray]:
-    """dq and ddq of every column by filterpy's Kalman filter and smoother; sigma rad of the reading, rough rad/s^4 of the jerk's change."""
+    """dq and ddq of every column by filterpy's Kalman filter and RTS smoother. sigma: rad, noise; rough: rad/s^4, jerk rate."""
     h = 1 / rate
     powers = [[h ** (k - i) / factorial(k - i) if k >= i else 0.0 for k in range(4)] for i in range(4)]
     reach = np.array([h**4 / 24, h**3 / 6, h**2 / 2, h])
@@ -69,10 +70,10 @@ METHODS: dict[str, Callable[..., tuple[np.ndarray, np.ndarray]]] = {
 
 
 def run() -> list[dict[str, Any]]:
-    """Errors away from the ends of three periods of 10 s at 250 Hz: of both derivatives, and of the torque that follows from them.
+    """Errors of both derivatives, and of the torque computed from them, over three periods of 10 s at 250 Hz, without the ends.
 
-    The derivatives' are RMS over six joints. The torque's is what a fit sees, behind the common filter, of the worst joint and as a share of
-    its torque noise.
+    The derivative errors are RMS over six joints. The torque error is that of the worst joint after the common filter, as a
+    share of its torque noise.
     """
     arm, rate = load_arm("ur10e"), 250.0
     once = fitting_motion(arm, 1, SECONDS)
@@ -83,7 +84,7 @@ def run() -> list[dict[str, Any]]:
     inside, rows = slice(200, -200), []
     model = TorqueModel.of_arm(arm)
     theta = model.nominal()
-    theta[[model.friction_column("coulomb", j) for j in range(arm.n)]] = 0.0  # rows about reversals take no part in a fit
+    theta[[model.friction_column("coulomb", j) for j in range(arm.n)]] = 0.0  # a fit leaves out the rows near reversals
     for sigma in NOISES:
         measured = q - HOME + sigma * np.random.default_rng(0).standard_normal(q.shape)
         for name, method in METHODS.items():

@@ -1,7 +1,7 @@
-"""Designing the excitation: how long eight starts take, what they reach, and what a search 20 times as long finds.
+"""Excitation design: time for eight starts, the information reached, and what a search 20 times as long finds.
 
-`python -m benchmarks.excitation MINUTES` runs a slice of the long search and keeps what it found in build/excitation_long.jsonl; the figures
-then compare with it.
+`python -m benchmarks.excitation MINUTES` runs part of the long search and stores its results in build/excitation_long.jsonl.
+The figures are compared with these.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ MEASURES = ("benchmarks.excitation",)
 
 
 def _problem() -> tuple[Site, Information, Fourier]:
-    """UR10e, one period of 20 s, 6 harmonics: 60 free coefficients; the best of 100 random motions."""
+    """UR10e, one period of 20 s, 6 harmonics (60 free coefficients): site, information, and the best of 100 random motions."""
     arm = load_arm("ur10e")
     cell, model = open_cell(arm), TorqueModel.of_arm(arm)
     room, information, rng = Room(arm, cell), Information(model, noise_of(model)), np.random.default_rng(0)
@@ -39,7 +39,7 @@ def _problem() -> tuple[Site, Information, Fourier]:
 
 
 def run() -> list[dict[str, Any]]:
-    """The search as `calib plan` runs it, what safety.clear accepts of it, and how far the long search came."""
+    """The search as `calib plan` runs it, the part of it that safety.clear accepts, and the distance to the long search."""
     site, information, best = _problem()
     random = information.worth(coarse(best))
     began, used = time.perf_counter(), _used()
@@ -80,7 +80,7 @@ def _long() -> Kept:
 
 
 def longer(minutes: float) -> None:
-    """Searches from other seeds, each with its best end gone on with from there, until `minutes` have passed; the next run goes on."""
+    """Search from further seeds for `minutes`, restarting each from its best end. The next call continues."""
     until, kept = time.monotonic() + 60 * minutes, _long()
     site, _, best = _problem()
     while time.monotonic() < until:
@@ -93,7 +93,7 @@ def longer(minutes: float) -> None:
 
 
 def _used() -> float:
-    """s of processor time of this process and of those that it started and that have ended."""
+    """Processor time, s, of this process and of its child processes that have ended."""
     return sum(
         used.ru_utime + used.ru_stime for used in map(resource.getrusage, (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
     )

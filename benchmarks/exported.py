@@ -1,6 +1,7 @@
-"""The exported MuJoCo model against `sim.plant`, for every effect of the catalogue: 5 s under the same drive, from the same start.
+"""The exported MuJoCo model against `sim.plant` for every catalogue effect: 5 s under the same drive from the same start.
 
-`python -m benchmarks.exported docs/export.md` writes the table into that page; `run` gives the rows of `python -m benchmarks`.
+`python -m benchmarks.exported docs/export.md` writes the table into that page. `run` returns the rows of `python -m
+benchmarks`.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ from sim.mujoco_export import exported_model
 from sim.plant import Plant
 
 ARM, JOINT, SECONDS, PERIOD = "ur10e", "shoulder_lift_joint", 5.0, 0.002
-# strong doses: what each does to the motion and the torque is seen beside the error
+# strong doses; the table shows their effect on motion and torque beside the model error
 DOSES: dict[str, tuple[dict[str, float], ...]] = {
     "coulomb_friction": ({"coulomb": 30.0},),
     "viscous_friction": ({"viscous": 40.0},),
@@ -58,7 +59,10 @@ DOSES: dict[str, tuple[dict[str, float], ...]] = {
 
 
 class ExportedPlant(Plant):
-    """The same drive on the exported model: physics and readings are MuJoCo's and `calib.mujoco`'s, no effect is applied here."""
+    """The same drive on the exported model. Physics and readings are those of MuJoCo and `calib.mujoco`.
+
+    No effect is applied here.
+    """
 
     def _build(self, arm: Arm) -> None:
         super()._build(arm)
@@ -73,18 +77,18 @@ class ExportedPlant(Plant):
         self._twist = [(arm.joint_index(joint), self.model.joint(TWIST.format(joint=joint)).dofadr[0]) for joint in twists(arm)]
         self._qpos, self._qvel, self._qacc, self._ctrl = self.data.qpos, self.data.qvel, self.data.qacc, self.data.ctrl
         self._each_step = {stage: [] for stage in Stage}
-        # the exported model clips by forcerange, the plant's drive before it holds a torque
+        # the exported model clips by forcerange, where the plant clips in its DRIVE stage
         self._stages = self._stages | {Stage.DRIVE: []}
 
     def _apply_effects(self) -> None:
-        """The model has them."""
+        """Do nothing: the model contains the effects."""
 
     def _motor_reading(self) -> tuple[np.ndarray, np.ndarray]:
         reading = calib.mujoco.read(self.model, self.data)
         return reading.q_motor, reading.dq_motor
 
     def read(self, t: float | None = None) -> JointState:
-        """As the sensors of the exported model and `calib.mujoco.read` have it."""
+        """Readings of the exported model's sensors and of `calib.mujoco.read`."""
         mujoco.mj_forward(self.model, self.data)
         reading = calib.mujoco.read(self.model, self.data)
         nan = np.full(self.arm.n, np.nan)
@@ -93,7 +97,7 @@ class ExportedPlant(Plant):
 
 @dataclass(frozen=True)
 class Run:
-    """Angles (N, n) rad of the links and readings (N, n) of angle and torque."""
+    """Link angles, rad, and readings of angle and torque, each (N, n)."""
 
     q: np.ndarray
     reading: np.ndarray
@@ -101,7 +105,7 @@ class Run:
 
 
 def ran(plant: Plant, seconds: float = SECONDS) -> Run:
-    """Five seconds of three harmonics a joint under control at 500 Hz, or the first `seconds` of them."""
+    """Run of 5 s with three harmonics per joint under control at 500 Hz, or the first `seconds` of it."""
     n = plant.arm.n
     rng, t = np.random.default_rng(4), np.arange(0, SECONDS, PERIOD)
     a, b = rng.uniform(-0.3, 0.3, (2, 3, n))
@@ -127,9 +131,9 @@ def ran(plant: Plant, seconds: float = SECONDS) -> Run:
 
 @dataclass(frozen=True)
 class Compared:
-    """RMS differences from the plant, of one dose: motion and torque of the exported model, and of one without the effect.
+    """RMS differences from the plant for one dose: of the exported model, and of a model without the effect.
 
-    motion: over the RMS excursion of the joint that is worst; torque: over the RMS of the joint that is worst.
+    motion: worst joint, over its RMS excursion; torque: worst joint, over its RMS torque.
     """
 
     effect: Effect
@@ -143,7 +147,7 @@ class Compared:
 
 
 def compared(effect: Effect, parameters: dict[str, float], nominal: Arm) -> Compared:
-    """One effect in that strength, in place of the arm's own."""
+    """Compare one effect at that strength, which replaces the arm's own."""
     item = ArmEffect(effect.name, JOINT if effect.scope == "joint" else None, parameters)
     truth = with_effect(nominal, item)
     rows = exported_model(truth).table["effects"]
@@ -156,9 +160,9 @@ def compared(effect: Effect, parameters: dict[str, float], nominal: Arm) -> Comp
 
 
 def difference(real: Run, model: Run) -> tuple[float, float]:
-    """Largest share of a joint's own motion, and of its own torque, by which a model differs from the arm, both as RMS.
+    """RMS difference of a model from the arm, of motion and of torque: largest over the joints, relative to the joint's own.
 
-    Without the first 0.05 s: a delayed sensor of MuJoCo reads zero until its history is full.
+    The first 0.05 s are left out: a delayed MuJoCo sensor reads zero until its history is full.
     """
     first = round(0.05 / PERIOD)
     real, model = (Run(r.q[first:], r.reading[first:], r.tau[first:]) for r in (real, model))
@@ -169,14 +173,14 @@ def difference(real: Run, model: Run) -> tuple[float, float]:
 
 
 def quiet(arm: Arm) -> Arm:
-    """The arm without noise of its sensors: what differs is the model."""
+    """The arm without sensor noise, so that all differences come from the model."""
     n = arm.n
     silent = {"encoder_resolution": 1e-12, "torque_noise": [0.0] * n, "velocity_noise": [0.0] * n, "rate": 1 / PERIOD}
     return replace(arm, sensors=arm.sensors.model_copy(update=silent))
 
 
 def doses() -> Iterator[tuple[Effect, dict[str, float]]]:
-    """Every effect of the catalogue in each strength at which it is tried; one without a line here at its typical values."""
+    """Every catalogue effect at each strength tried; an effect without an entry in DOSES at its typical values."""
     for effect in (*EFFECTS, *LAWS):
         typical = {p.name: p.grid[len(p.grid) // 2] for p in effect.parameters}
         for dose in DOSES.get(effect.name, (typical,)):
@@ -184,7 +188,7 @@ def doses() -> Iterator[tuple[Effect, dict[str, float]]]:
 
 
 def page(found: list[Compared]) -> str:
-    """The Markdown table of docs/export.md."""
+    """Markdown table of docs/export.md."""
     lines = [
         "| effect | form | element | motion | torque | motion without it | torque without it |",
         "|---|---|---|---|---|---|---|",
@@ -212,7 +216,7 @@ BEGIN, END = (
 
 
 def written(text: str, table: str) -> str:
-    """The page with the table in its place."""
+    """The page with the table inserted. ValueError if BEGIN or END is missing."""
     before, _, rest = text.partition(BEGIN)
     _, _, after = rest.partition(END)
     if not (rest and after):
@@ -221,7 +225,7 @@ def written(text: str, table: str) -> str:
 
 
 def main(arguments: list[str]) -> None:
-    """Print the table, and write it into the page that is named."""
+    """Print the table, and write it into each page given."""
     table = page([compared(*dose, quiet(load_arm(ARM))) for dose in doses()])
     commit = subprocess.run(["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True, check=False).stdout.strip()
     table += f"\nMuJoCo {mujoco.__version__}, {date.today()}, on commit {commit or 'unknown'}.\n"

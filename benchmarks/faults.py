@@ -1,7 +1,8 @@
-"""The fault matrix: each fault put into the mock many times; how soon the arm slows down, and how far it still turns.
+"""The fault matrix: each fault injected into the mock many times. How soon does the arm slow down, and how far does it turn?
 
-A run goes on where the last one ended (build/faults.jsonl), for `minutes` at a time, until every fault was injected `repeats` times:
-`make faults`. Faults change readings or the plant (MuJoCo, simulated clock), so that a busy computer changes no figure.
+A run continues where the last one stopped (build/faults.jsonl), for `minutes` at a time, until every fault was injected
+`repeats` times: `make faults`. Faults change readings or the plant (MuJoCo, simulated clock), so a busy computer changes no
+figure.
 """
 
 from __future__ import annotations
@@ -50,7 +51,7 @@ def with_joint(values: np.ndarray, joint: int, value: float) -> np.ndarray:
 
 
 def frozen(driver: Watched, state: JointState) -> JointState:
-    """Visible from the first reading that repeats the one before."""
+    """Visible from the first reading that repeats the previous one."""
     driver.kept = driver.kept or state
     if driver.reads > driver.at:
         driver.show()
@@ -92,7 +93,7 @@ def stalled(seconds: float) -> Callable[[Watched, JointState], JointState]:
 
 
 def nothing(driver: Watched, state: JointState) -> JointState:
-    """The plant shows it by itself."""
+    """Leave the reading unchanged: the plant itself shows the fault."""
     return state
 
 
@@ -114,12 +115,12 @@ TROUBLES = (
     Trouble(f"payload of {LOAD.mass:g} kg lost", load_lost, "its drive lets go of the torque as the arm rises; while the shoulder turns round its friction may hide that for up to 0.2 s", plant=with_load, twin=with_load, payload=LOAD),
 )  # fmt: skip
 CELL = "mock-ur10e"
-LONGEST = 60.0  # s that a run may take
+LONGEST = 60.0  # s, time limit of a run
 MEASURES = ("benchmarks.faults",)
 
 
 def run(minutes: float = 10.0, repeats: int = 200) -> list[dict[str, Any]]:
-    """A slice of the matrix, then the rows of all that was found so far: what, value, unit, bar, note."""
+    """Inject faults for `minutes`; return rows (what, value, unit, bar, note) over all runs so far."""
     end = time.monotonic() + 60 * minutes
     kept = Kept(FOLDER / "faults.jsonl", " ".join(digest(path) for path in MEASURES))
     cell = load_cell(CELL)
@@ -138,7 +139,7 @@ def run(minutes: float = 10.0, repeats: int = 200) -> list[dict[str, Any]]:
 
 
 def _missing(kept: Kept, arm: Arm, cell: Cell, repeats: int) -> Iterator[tuple[str, Callable[[], Any]]]:
-    """The runs that no earlier slice did, each of the name under which it is kept."""
+    """Runs not yet done, each with its key."""
     ready: dict[bool, Injection] = {}
     for number in range(repeats):
         for trouble in TROUBLES:
@@ -146,7 +147,7 @@ def _missing(kept: Kept, arm: Arm, cell: Cell, repeats: int) -> Iterator[tuple[s
                 heavy = trouble.payload is not None
                 if heavy not in ready:
                     ready[heavy] = Injection(trouble, arm, cell, (0.12,) if heavy else (0.3,))
-                    ready[heavy].run(number)  # here, so that no child has to load what is compiled
+                    ready[heavy].run(number)  # compile here, so that no child has to
                 yield what, partial(_injected, ready[heavy].of(trouble), number)
 
 

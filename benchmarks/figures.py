@@ -1,7 +1,8 @@
-"""README and docs are built from the results files: `python -m benchmarks.figures`, also `make figures`.
+"""Build README and docs from the results files: `python -m benchmarks.figures` or `make figures`.
 
-A page holds `<!-- figures NAME -->` ... `<!-- end of figures -->`: between the two stands the table of results/NAME.json, or of the rows
-that `<!-- figures NAME: row; row -->` names; after `NAME?` nothing stands there as long as there is no such file. docs/figures.md holds all. The command also says which results are outdated.
+Between `<!-- figures NAME -->` and `<!-- end of figures -->`, a page holds the table of results/NAME.json, or only the rows
+listed in `<!-- figures NAME: row; row -->`. With `NAME?` the block stays empty while that file does not exist. docs/figures.md
+holds all tables. The command also reports which results are outdated.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ the machine's load, which is given where it matters: 1 min average at the beginn
 
 
 def write() -> list[Path]:
-    """Build the tables of every page anew; returns the pages that changed."""
+    """Rebuild the tables of every page; return the pages that changed."""
     found, changed = read(), []
     for page in PAGES:
         text = page.read_text(encoding="utf-8")
@@ -38,7 +39,7 @@ def write() -> list[Path]:
 
 
 def whole_page(found: Mapping[str, Results]) -> str:
-    """docs/figures.md."""
+    """Text of docs/figures.md."""
     parts = [HEAD]
     for name, results in sorted(found.items(), key=lambda item: (item[0] != "real", item[0])):
         parts.append(f"\n## {title(name)}\n\n`{results.command}`\n\n<!-- figures {name} -->\n<!-- end of figures -->\n")
@@ -46,7 +47,7 @@ def whole_page(found: Mapping[str, Results]) -> str:
 
 
 def built(text: str, found: Mapping[str, Results]) -> str:
-    """The text of a page with its tables; ValueError where it names results or a row that there is not."""
+    """Page text with its tables filled in. ValueError if it names missing results or a missing row."""
 
     def block(match: re.Match[str]) -> str:
         what = match["what"]
@@ -71,7 +72,7 @@ def built(text: str, found: Mapping[str, Results]) -> str:
 
 
 def table(results: Results, rows: list[Mapping[str, Any]]) -> str:
-    """The Markdown table of some rows, and where they are from."""
+    """Markdown table of the given rows, and where and when they were measured."""
     keys = [key for key, heading in HEADINGS.items() if key in ("what", "value") or any(key in row for row in rows)]
     lines = ["| " + " | ".join(HEADINGS[k] for k in keys) + " |", "|---" * len(keys) + "|"]
     lines += ["| " + " | ".join(_cell(row, key) for key in keys) + " |" for row in rows]
@@ -96,7 +97,7 @@ def _cell(row: Mapping[str, Any], key: str) -> str:
 
 
 def title(name: str) -> str:
-    """A heading for a set of figures."""
+    """Heading of a set of figures."""
     return TITLES.get(name, name.replace("_", " ").capitalize())
 
 
@@ -128,7 +129,7 @@ TITLES = {
 
 
 def report() -> list[str]:
-    """A line for each results file: when it was measured, and what has changed since."""
+    """One line per results file: when it was measured, and what has changed since."""
     lines = []
     for name, results in read().items():
         old = results.outdated()
@@ -141,7 +142,7 @@ def report() -> list[str]:
 
 
 def main() -> None:
-    """Write the pages, then say which results are outdated."""
+    """Write the pages, then report which results are outdated."""
     for page in write():
         print(f"wrote {page.relative_to(ROOT)}", file=sys.stderr)
     print("\n".join(report()))

@@ -1,7 +1,7 @@
-"""The first day on a UR, against the emulated controller: programs that play, wrong arms, and every model with every PolyScope.
+"""The first day on a UR, against the emulated controller: running programs, wrong arms, and every model with every PolyScope.
 
-A run goes on where the last one ended (build/first_day.jsonl), for `minutes` at a time. Commands run in forked children; the controller has a
-process of its own, which counts programs that an upload ended.
+A run continues where the last one stopped (build/first_day.jsonl), for `minutes` at a time. Commands run in forked children.
+The controller runs in its own process and counts programs that an upload has ended.
 """
 
 from __future__ import annotations
@@ -43,8 +43,8 @@ from sim.errors import CalibError
 
 MEASURES = ("benchmarks.first_day", "drivers/ur_rtde", *commands("check", "record", "capture", "watch"))
 OPTIONS = {"serial": "20230000000", "frame_timeout": 0.5, "setpoint_timeout": 0.5, "watchdog": 4.0}
-LONGEST = 60.0  # s that a command may take
-# what a person types; CELL, PLAN and OUT are put in. `calib go` is these commands one after the other
+LONGEST = 60.0  # s, time limit of a command
+# commands as a person types them; CELL, PLAN and OUT are replaced by paths. `calib go` runs these commands in turn
 COMMANDS = {
     "check": ["check", "CELL", "--seconds", "0.5"],
     "check --move": ["check", "CELL", "--seconds", "0.5", "--move", "--yes"],
@@ -53,14 +53,14 @@ COMMANDS = {
     "watch": ["watch", "CELL", "--seconds", "0.5", "--out", "OUT"],
 }
 STATES = {"program_played": PLAYING, "program_paused": PAUSED}
-# PolyScope of the issue: CB3, e-Series and PolyScope X
+# PolyScope versions tried: CB3, e-Series and PolyScope X
 VERSIONS = ("3.15.4", *(f"5.{minor}.0" for minor in range(4, 27)), *(f"10.{minor}.0" for minor in range(7, 13)))
-EACH = 10  # tries of each command beside one controller
+EACH = 10  # tries of each command per controller
 STREAMED = 0.3  # s
 
 
 def controller(path: str, fault: str, talk: Connection) -> None:
-    """The controller with a program of somebody else; for each message it sends the program's state and what an upload has ended."""
+    """Run the controller with somebody else's program. Reply to each message with its state and what an upload has ended."""
     cell = load_cell(path)
     emulator = open_emulator(cell, load_arm_of(cell))
     assert isinstance(emulator, UrEmulator)
@@ -78,7 +78,7 @@ def controller(path: str, fault: str, talk: Connection) -> None:
 
 @contextlib.contextmanager
 def playing(folder: Path, number: int, fault: str) -> Iterator[tuple[Path, Connection]]:
-    """A cell file whose controller plays, or has paused, a program; and the pipe to it."""
+    """A cell file whose controller plays a program or has paused one, and the pipe to it."""
     path = ur_cell(folder / "cell.toml", f"127.0.0.{130 + number % 100}", options=OPTIONS)
     ours, theirs = multiprocessing.get_context("spawn").Pipe()
     process = multiprocessing.get_context("spawn").Process(target=controller, args=(str(path), fault, theirs))
@@ -93,12 +93,12 @@ def playing(folder: Path, number: int, fault: str) -> Iterator[tuple[Path, Conne
 
 
 def tried(words: list[str], places: dict[str, str]) -> int:
-    """One command: its exit code."""
+    """Run one command; return its exit code."""
     return program([places.get(word, word) for word in words])
 
 
 def programs(number: int, tries: int) -> dict[str, Any]:
-    """Every command `tries` times beside a program: how it ended, and how often the program did not go on as it was."""
+    """Try every command `tries` times beside a program: exit codes, and how often the program did not continue unchanged."""
     fault = tuple(STATES)[number % len(STATES)]
     out: dict[str, Any] = {"ended": [], "codes": {}, "faults": []}
     with tempfile.TemporaryDirectory(prefix="calib-") as name, playing(Path(name), number, fault) as (path, talk):
@@ -122,7 +122,7 @@ def programs(number: int, tries: int) -> dict[str, Any]:
 
 
 def met(name: str, polyscope: str, number: int, real: str | None = None) -> str:
-    """`works` where the driver connects and streams to an arm; else the sentence of its refusal. real: what stands there."""
+    """`works` if the driver connects and streams to the arm, else its error message. real: arm present (default `name`)."""
     with tempfile.TemporaryDirectory(prefix="calib-") as folder:
         path = ur_cell(
             Path(folder) / "cell.toml", f"127.0.{1 + number // 200}.{1 + number % 200}", options=OPTIONS,
@@ -148,17 +148,17 @@ def met(name: str, polyscope: str, number: int, real: str | None = None) -> str:
 
 
 def pairs() -> list[tuple[str, str]]:
-    """Every shipped arm with every PolyScope of its kind of controller."""
+    """Every shipped arm with every PolyScope version of its controller type."""
     return [(name, v) for name, (_, cb3) in family.FAMILY.items() for v in VERSIONS if cb3 == v.startswith("3.")]
 
 
 def wrong_arms() -> list[str]:
-    """Arms that answer in the cell of a UR10e; the UR12e is one."""
+    """Arms that are wrong in the cell of a UR10e. The UR12e is not: it is a UR10e with a higher rating."""
     return [name for name in family.FAMILY if name not in ("ur10e", "ur12e")]
 
 
 def run(minutes: float = 10.0, tries: int = 100) -> list[dict[str, Any]]:
-    """A slice, then the rows of all that was found so far: what, value, unit, bar, note."""
+    """Measure for `minutes`; return rows (what, value, unit, bar, note) over everything found so far."""
     end = time.monotonic() + 60 * minutes
     kept = Kept(FOLDER / "first_day.jsonl", " ".join(digest(path) for path in MEASURES))
     warm(sim, logs, drivers, safety, calib)
@@ -178,7 +178,7 @@ def run(minutes: float = 10.0, tries: int = 100) -> list[dict[str, Any]]:
 
 
 def rows(found: dict[str, Any], tries: int) -> list[dict[str, Any]]:
-    """What came of programs, wrong arms and versions."""
+    """Rows on programs, wrong arms and versions."""
     out = []
     rounds = [value for what, value in found.items() if what.startswith("programs")]
     if rounds:

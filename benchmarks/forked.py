@@ -1,4 +1,4 @@
-"""Jobs in forked children of one warm process: modules and compiled code are loaded once, and a crash or a hang ends one child only."""
+"""Jobs in forked children of one warm process: modules and compiled code load once; a crash or hang ends one child only."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ WORKERS = os.cpu_count() or 1
 
 @dataclass(frozen=True)
 class Done:
-    """What a job returned; `fault` where it returned nothing, and `leaked`, what its process printed beside that."""
+    """Result of a job. fault: why there is none, or empty; leaked: what the process printed."""
 
     key: str
     value: Any
@@ -33,7 +33,7 @@ class Done:
 
 
 def warm(*packages: ModuleType) -> None:
-    """Import every module of the packages, so that no child has to; one that cannot be imported is left to whoever needs it."""
+    """Import every module of the packages, so that no child has to. A module that cannot be imported is skipped."""
     for package in packages:
         for module in pkgutil.walk_packages(package.__path__, f"{package.__name__}."):
             if not module.name.endswith("__main__"):
@@ -44,11 +44,12 @@ def warm(*packages: ModuleType) -> None:
 def forked(
     jobs: Iterable[tuple[str, Callable[[], Any]]], longest: float, until: float = float("inf"), workers: int = WORKERS
 ) -> Iterator[Done]:  # fmt: skip
-    """Each job (key, call) in a child of its own, `workers` at a time, as they end; none is begun after `until`, s of time.monotonic().
+    """Run each job (key, call) in its own child, `workers` at a time; yield results as they finish.
 
-    A child that takes over `longest` s is killed with all that it started. The caller must have no other thread.
+    No job starts after `until`, s of time.monotonic(). A child running longer than `longest` s is killed with its whole process
+    group. The caller must have no other thread.
     """
-    gc.freeze()  # a collection in a child would copy every page that holds an object of this process
+    gc.freeze()  # a garbage collection in a child would copy every page with an object of this process
     waiting, running = iter(jobs), {}
     while True:
         while len(running) < workers and time.monotonic() < until and (job := next(waiting, None)):

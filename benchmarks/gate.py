@@ -1,4 +1,4 @@
-"""The gate by itself: 500 wrong recordings, and what it costs for two minutes of log."""
+"""The data gate alone: 500 wrong recordings, and its cost on two minutes of log."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from calib.gate.commands import family as every_arm
 
 LONG, RATE = 120.0, 500.0  # s, Hz
 OF_TWO_MINUTES = ("ur10e", "servo6")
-COMBINED = 20  # of three corruptions
+COMBINED = 20  # combinations of three corruptions
 
 
 def run(count: int = COUNT) -> list[dict[str, Any]]:
-    """What passed as good, what named another cause first, and processor time: what, value, unit, bar, note."""
+    """Wrong recordings accepted as good, share with the right cause first, and processor time: what, value, unit, bar, note."""
     passed, misnamed = [], []
     everything = cases(count)
     for case in everything:
@@ -43,7 +43,10 @@ def run(count: int = COUNT) -> list[dict[str, Any]]:
 
 
 def timed() -> tuple[list[float], list[tuple[float, str]]]:
-    """s of every good recording of two minutes; (s, name) of every corruption of it, alone and three together. Each loads the other arms anew."""
+    """Processor time of the gate on two-minute logs: s of each good one, and (s, name) of each corrupted one.
+
+    Corruptions are applied singly and in combinations of three. Each run loads the other arms afresh.
+    """
     rng = np.random.default_rng(0)
     good, bad = [], []
     for name in OF_TWO_MINUTES:

@@ -1,6 +1,6 @@
-"""From an unpacked checkout to an identified effect: `calib go` on an emulated UR10e with a payload that it does not know of.
+"""From an unpacked checkout to an identified effect: `calib go` on an emulated UR10e with an undeclared payload.
 
-A person types only answers; they are counted, and so is the time until the session is complete. `python -m benchmarks guided`.
+A person types only answers. These are counted, and the time to a complete session is measured. `python -m benchmarks guided`.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ MEASURES = (
     "benchmarks.guided", "drivers/ur_rtde", "sim.emulated.ur.build",
     *commands("emulate", "go", "check", "plan", "record", "identify", "validate", "diagnose"),
 )  # fmt: skip
-MASS = 0.8  # kg; more would be seen by `calib check` in the torques at rest
+MASS = 0.8  # kg; `calib check` would detect a heavier one from the torques at rest
 HIDDEN = f"""
 [emulation]
 seed = 3
@@ -43,7 +43,7 @@ def run() -> list[dict[str, Any]]:
 
 
 def _await_controller(patience: float = 120.0) -> None:
-    """Until the emulated controller answers: its kernels are compiled at its first start on a computer."""
+    """Wait until the emulated controller accepts a connection. On its first start it compiles its kernels."""
     end = time.monotonic() + patience
     while time.monotonic() < end:
         try:
@@ -70,7 +70,7 @@ def _session(place: Path) -> list[dict[str, Any]]:
             [*program, "go", "bench", "--quick", "--json"], cwd=place, env=surroundings, input=typed, capture_output=True, text=True
         )  # fmt: skip
         took = time.monotonic() - began
-        used = resource.getrusage(resource.RUSAGE_CHILDREN)  # the emulated controller still runs and is not counted
+        used = resource.getrusage(resource.RUSAGE_CHILDREN)  # the emulated controller is still running and is not counted
     finally:
         emulator.terminate()
         emulator.wait()

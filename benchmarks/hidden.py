@@ -1,4 +1,4 @@
-"""What a plant has that its model does not: a box in the way, and a payload that is lost."""
+"""Differences of a plant from its model: an undeclared box in the way, and a lost payload."""
 
 from __future__ import annotations
 
@@ -19,14 +19,17 @@ LOAD = PayloadTable(mass=6.0, com=[0.0, 0.0, 0.1])
 
 
 class HiddenBox:
-    """A plant with a box that nobody declared, its face across the way of the wrist 60 samples after `at`; None where the arm touches it before."""
+    """A plant with an undeclared box whose face lies across the wrist's path 60 samples after `at`.
+
+    None if the arm touches the box before `at`.
+    """
 
     def __init__(self) -> None:
         self._of: tuple[Arm, Cell] | None = None
 
     def __call__(self, arm: Arm, cell: Cell, cleared: ClearedTrajectory, at: int) -> Plant | None:
         if self._of is None or self._of[0] is not arm or self._of[1] is not cell:
-            # turned: MuJoCo never looks at the frame of a box again that has been compiled along the axes
+            # rotated: MuJoCo ignores later changes to the frame of a box compiled parallel to the axes
             self._of, away = (arm, cell), _box([1.0, 2.0, -9.0], [0.1, 0.2, 0.3])
             self._probe = Plant(arm, obstacles=[*cell.table.obstacles, away])
         model, data = self._probe.model, self._probe.data

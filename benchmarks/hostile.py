@@ -1,6 +1,7 @@
-"""Files made to do harm: mutants of every kind of file that is read, and names that would leave the folder for exports.
+"""Hostile files: mutants of every kind of file that is read, and names that would leave the export folder.
 
-A mutant ends in the sound content or in one sentence; anything else (a traceback, a crash, a hang, much memory) is counted.
+A mutant must either load as sound content or end in one error message. Anything else (a traceback, a crash, a hang, excessive
+memory) is counted.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ from sim.trajectory import Trajectory
 KINDS = ("arm.toml", "model.xml", "arm.urdf", "cell.toml", "plan.toml", "run.toml", "journal.mcap", "finished.mcap", "log.csv")
 ARM = "servo6"
 SLOW, LARGE = 2.0, 1000.0  # s, MB
-LONGEST = 3600.0  # s for all mutants of a kind
+LONGEST = 3600.0  # s, for all mutants of a kind
 BINARY = [bytes(4), b"\xff" * 8, b"\x7f", b"\x80", (1 << 40).to_bytes(8, "little"), np.float64("nan").tobytes()]
 TEXT = [
     b"9" * 5000, b"[" * 3000, b"{a=" * 2000, b"a." * 3000, b"\x00", b"\x1b]0;x\x07\x1b[2J", b"../../x", b"nan", b"1e999", b"-",
@@ -46,7 +47,7 @@ TEXT = [
 
 
 def sound(kind: str, folder: Path) -> tuple[Path, Callable[[], object]]:
-    """A sound file of this kind in `folder`, and what reads it."""
+    """A sound file of this kind in `folder`, and a function that reads it."""
     if kind in ("arm.toml", "model.xml"):
         shutil.copytree(shipped_configs() / "arms" / ARM, folder / "arm")
         return folder / "arm" / kind, lambda: load_arm(folder / "arm")
@@ -90,7 +91,7 @@ def sound(kind: str, folder: Path) -> tuple[Path, Callable[[], object]]:
 
 
 def mutated(data: bytes, rng: random.Random) -> bytes:
-    """The file with one to three changes: bits, bytes, stretches cut out, doubled, moved or put in."""
+    """The file with one to three changes: bits flipped, bytes overwritten, text inserted, parts deleted, copied or cut off."""
     out = bytearray(data)
     for _ in range(rng.choice((1, 1, 1, 2, 3))):
         at, other = rng.randrange(len(out) + 1), rng.randrange(len(out) + 1)
@@ -112,7 +113,7 @@ def mutated(data: bytes, rng: random.Random) -> bytes:
 
 
 def attack(kind: str, seed: int, count: int) -> dict[str, Any]:
-    """Read `count` mutants of one kind in this process: what was no sentence, the slowest read (s), the peak memory (MB)."""
+    """Read `count` mutants of one kind in this process: unexpected errors, the slowest read, s, and the peak memory, MB."""
     rng = random.Random(f"{kind} {seed}")
     faults, slowest, refused = [], 0.0, 0
     with tempfile.TemporaryDirectory() as place:
@@ -145,7 +146,7 @@ def _is_text(data: bytes) -> bool:
 
 
 def attacked(seed: int, count: int) -> dict[str, dict[str, Any]]:
-    """`attack` on every kind in a process of its own, of one that holds nothing else: a crash is a fault too."""
+    """Run `attack` on every kind, each in a forked child of a fresh process; a crash counts as a fault too."""
     program = [sys.executable, "-m", "benchmarks.hostile", str(seed), str(count)]
     done = subprocess.run(program, capture_output=True, text=True, cwd=Path(__file__).resolve().parent.parent, check=True)
     return dict(json.loads(done.stdout))
@@ -161,7 +162,7 @@ def _each(seed: int, count: int) -> dict[str, dict[str, Any]]:
 
 
 def hostile_name(rng: random.Random) -> str:
-    """A name that would leave a folder, steer a terminal, or be no file's."""
+    """A name that would leave a folder, control a terminal, or is no valid file name."""
     parts = [
         "..",
         "/",
@@ -186,7 +187,7 @@ def hostile_name(rng: random.Random) -> str:
 
 
 def names_that_leave(count: int, seed: int = 0) -> tuple[int, int]:
-    """(files written outside the output folder, names accepted) of `count` arms with hostile names, meshes and folders, exported."""
+    """Export `count` arms with hostile names and meshes: (files written outside the output folder, names accepted)."""
     rng = random.Random(seed)
     outside = accepted = 0
     with tempfile.TemporaryDirectory() as place:

@@ -1,6 +1,6 @@
-"""How inputs of commands are changed to do harm: the bytes of a file, the readings of a recording, or the arguments.
+"""Hostile changes to inputs of commands: to the bytes of a file, the readings of a recording, or the arguments.
 
-A changed byte of an MCAP file is nearly always refused by its checksum; a changed reading goes through to what computes with it.
+A changed byte of an MCAP file is nearly always rejected by its checksum. A changed reading reaches the computation.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from logs.convert import write_log
 from logs.log import Log
 
 SAMPLES = ROOT / "logs" / "samples"
-Case = tuple[Path, list[str]]  # a file that is read, and the words after `calib`
+Case = tuple[Path, list[str]]  # file that is read, and the words after `calib`
 Mutant = Callable[[random.Random], list[str]]  # writes the next mutant; the words after `calib`
 NUMBERS = (
     "-3",
@@ -73,7 +73,7 @@ def log_of(name: str) -> Log:
 
 
 def bytes_of(make: Callable[[Path], Case]) -> Callable[[Path], Mutant]:
-    """The command on a file whose bytes are changed."""
+    """The command on a file with changed bytes."""
 
     def begin(folder: Path) -> Mutant:
         file, words = make(folder)
@@ -89,7 +89,7 @@ def bytes_of(make: Callable[[Path], Case]) -> Callable[[Path], Mutant]:
 
 
 def readings_of(name: str, *words: str) -> Callable[[Path], Mutant]:
-    """The command on a recording that is a sound file, and whose readings and instants are changed."""
+    """The command on a recording that is a sound file but has changed readings or time stamps."""
 
     def begin(folder: Path) -> Mutant:
         source, file = log_of(name), folder / "log.mcap"
@@ -109,13 +109,16 @@ def readings_of(name: str, *words: str) -> Callable[[Path], Mutant]:
 
 
 def changed(log: Log, rng: random.Random) -> Log:
-    """The recording with one change to a reading of one joint, to all of its samples, or to its instants; instants still increase."""
+    """The recording with one random change: fewer samples, a stretched clock, or other readings of one or all joints.
+
+    Time stamps still increase.
+    """
     at, to = sorted(rng.randrange(len(log)) for _ in range(2))
     at, to = (at, to + 1) if rng.random() < 0.7 else (0, len(log))
     what = rng.randrange(6)
     if what == 0:  # fewer samples
         return log.part(slice(at, max(to, at + 1)))
-    if what == 1:  # another clock
+    if what == 1:  # a stretched clock
         step = np.diff(log.t, prepend=log.t[0])
         step[at:to] *= rng.choice((1e-3, 0.5, 3.0, 1e3))
         return replace(log, t=np.cumsum(step), t_host=np.full(len(log), np.nan))
@@ -135,7 +138,10 @@ def changed(log: Log, rng: random.Random) -> Log:
 
 
 def words_of(make: Callable[[Path], Path] | None, *words: str) -> Callable[[Path], Mutant]:
-    """The command with one or two of its arguments changed: numbers written as #1.5, names as @ur10e; LOG, OUT and FOLDER are paths."""
+    """The command with one or two of its arguments changed.
+
+    Numbers are written as #1.5 and names as @ur10e; LOG, OUT, FOLDER and DB stand for paths.
+    """
 
     def begin(folder: Path) -> Mutant:
         file = make(folder) if make else folder / "none"
@@ -156,6 +162,6 @@ def words_of(make: Callable[[Path], Path] | None, *words: str) -> Callable[[Path
 
 
 def placed(words: Sequence[str], folder: Path, file: Path) -> list[str]:
-    """The words with paths where they say LOG, OUT, FOLDER and DB."""
+    """The words with LOG, OUT, FOLDER and DB replaced by paths."""
     places = {"LOG": str(file), "OUT": str(folder / "out"), "FOLDER": str(folder), "DB": str(folder / "trend.sqlite")}
     return [places.get(word, word) for word in words]

@@ -1,8 +1,9 @@
-"""Mutated files, readings and arguments through every command: each call ends in an answer or in one sentence, never in a fault.
+"""Mutated files, readings and arguments through every command: each call must end in a result or one error message.
 
-A run goes on where the last one ended (build/hostile_commands.jsonl), for `minutes` at a time: `make hostile`. Commands are called by the
-program's entry function, a chunk of mutants one after the other in a process of its own, forked from one that has all modules loaded; what it
-printed beside the commands' own words (a library's warning) is a fault too. Left out: init and arm read, which would ask a mutated address, and `servo scan`.
+A run continues where the last one stopped (build/hostile_commands.jsonl), for `minutes` at a time: `make hostile`. Commands are
+called through the program's entry function, a chunk of mutants in turn per child, forked from a process with all modules
+loaded. Output that is not the command's own (a library's warning) counts as a fault. Left out: init and arm read, which would
+query a mutated address, and `servo scan`.
 """
 
 from __future__ import annotations
@@ -32,19 +33,19 @@ from calib.main import main as program
 from calib.terminal.unexpected import EXIT_CODE
 
 MEASURES = (*CODE, "benchmarks.hostile_commands")  # every command
-CHUNK = 40  # mutants of one process
-# of pairs that compute for seconds on a mutant
+CHUNK = 40  # mutants per process
+# mutants per process for pairs of command and input that take seconds per mutant
 FEW = {
     "identify, csv": 4, "identify, readings": 6, "validate, readings": 8, "diagnose, readings": 3, "watch, readings": 6, "fleet, readings": 6,
     "identify, held out": 4, "identify, loaded": 6, "diagnose, held out": 2, "identify, words": 12, "validate, csv": 12, "validate, words": 12, "diagnose, csv": 12, "diagnose, words": 20, "fleet, mcap": 12,
     "fleet, words": 20, "plan, arm.toml": 8, "plan, words": 20,
 }  # fmt: skip
-LONGEST = 120.0  # s that one call may take before it counts as hanging
+LONGEST = 120.0  # s, after which a call counts as hanging
 LEAKED = re.compile(r"Traceback|[A-Za-z]Warning\b")
 
 
 def attack(name: str, seed: int, count: int) -> dict[str, Any]:
-    """`count` mutants through one command in this process: what was a fault, how many were refused, and the slowest call, s."""
+    """Run `count` mutants through one command in this process: faults, refusals, and the slowest call, s."""
     rng = random.Random(f"{name} {seed}")
     faults, codes, slowest = [], [], 0.0
     with tempfile.TemporaryDirectory(prefix="calib-") as place:
@@ -79,7 +80,7 @@ def attack(name: str, seed: int, count: int) -> dict[str, Any]:
 
 
 def with_faults(name: str, seed: int, count: int, done: Done) -> dict[str, Any]:
-    """What a child found; a crash is a fault, so is a call that does not end, and so is what a library wrote."""
+    """Findings of a child. A crash, a call that does not end, and output of a library each count as a fault."""
     if done.fault:
         return {"refused": 0, "count": count, "slowest": 0.0, "faults": [f"{name}: seed {seed}: {done.fault}"]}
     found = dict(done.value)
@@ -89,7 +90,7 @@ def with_faults(name: str, seed: int, count: int, done: Done) -> dict[str, Any]:
 
 
 def run(minutes: float = 10.0, count: int = 10_000, names: Sequence[str] = tuple(CASES)) -> list[dict[str, Any]]:
-    """A slice of the mutants, then the rows of all that were tried so far: what, value, unit, bar, note."""
+    """Try mutants for `minutes`; return rows (what, value, unit, bar, note) over all tried so far."""
     end = time.monotonic() + 60 * minutes
     kept = Kept(FOLDER / "hostile_commands.jsonl", " ".join(digest(path) for path in MEASURES))
     rounds = -(-count // sum(FEW.get(name, CHUNK) for name in names))

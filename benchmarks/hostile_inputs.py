@@ -1,4 +1,4 @@
-"""The inputs of every command that `benchmarks.hostile_commands` changes: a sound file of each kind, sound readings, sound arguments."""
+"""Inputs that `benchmarks.hostile_commands` mutates, for every command: sound files of each kind, readings, arguments."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ MCAP, CSV = _sample("servo6_excitation.mcap"), _sample("ur10e_ur_rtde.csv")
 
 
 def _beside(*words: str) -> Callable[[Path], Mutant]:
-    """A command on a sound recording, GOOD, and on another one whose readings are changed."""
+    """A command on a sound recording, GOOD, and on a second one with changed readings."""
 
     def begin(folder: Path) -> Mutant:
         of, log = base(f"{ARM} 2")
@@ -42,7 +42,7 @@ def _beside(*words: str) -> Callable[[Path], Mutant]:
 
 
 def _short(folder: Path) -> Path:
-    """The first second and a half of a recording: read and checked whole, and too short for the search that would follow."""
+    """The first 1.5 s of a recording: read and checked in full, but too short for the search that would follow."""
     lines = (SAMPLES / "ur10e_ur_rtde.csv").read_text().splitlines(keepends=True)
     (folder / "log.csv").write_text("".join(lines[:150]))
     return folder / "log.csv"
@@ -65,7 +65,7 @@ def _table(kind: str) -> Callable[[Path], Path]:
 
 
 def _bag(folder: Path) -> Path:
-    """A ROS 2 bag in SQLite; its database is what is changed."""
+    """A ROS 2 bag in SQLite; the mutants change its database."""
     log, kinds = log_of("servo6_excitation.mcap"), get_typestore(Stores.ROS2_JAZZY)
     kind = kinds.types["sensor_msgs/msg/JointState"]
     of_time, of_header = kinds.types["builtin_interfaces/msg/Time"], kinds.types["std_msgs/msg/Header"]
@@ -149,7 +149,7 @@ def _log(write: Callable[[Path], Path], *words: str) -> Callable[[Path], Case]:
     return make
 
 
-# command and kind of input -> what writes its mutants into a folder
+# command and kind of input -> function that writes its mutants into a folder
 CASES: dict[str, Callable[[Path], Mutant]] = {
     "identify, mcap": bytes_of(_log(MCAP, "identify", ARM, "LOG", "--out", "OUT")),
     "identify, csv": bytes_of(_log(CSV, "identify", "ur10e", "LOG", "--accept-partial", "--out", "OUT")),

@@ -1,4 +1,4 @@
-"""From recordings to parameters: how long it takes, and what the identified model is worth to a controller."""
+"""From recordings to parameters: the time it takes, and what the identified model gains a controller."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from sim.trajectory import Trajectory
 
 
 def run() -> list[dict[str, Any]]:
-    """Rows of the table; the real recordings take part where ARM_CALIB_DATA names them."""
+    """Rows of the table. Includes the real recordings if ARM_CALIB_DATA is set."""
     return [*_csv(), _mock_speed(), *_control(), _forward(), *_real()]
 
 
@@ -63,7 +63,7 @@ def _mock_speed() -> dict[str, Any]:
 
 
 def _control() -> list[dict[str, Any]]:
-    """Feed-forward and computed torque on a motion that no fit saw, by the nominal, the identified and the true model."""
+    """Feed-forward and computed torque on an unseen motion, with the nominal, the identified and the true model."""
     nominal = load_arm("ur10e")
     truth = varied(nominal, 3, 0.15)
     logs = [recorded_on_mock(truth, nominal, fitting_motion(nominal, seed), seed) for seed in (1, 2)]
@@ -79,7 +79,7 @@ def _control() -> list[dict[str, Any]]:
 
 
 def tracking(truth: Arm, known: Arm, motion: Trajectory, bandwidth: float, computed: bool) -> float:
-    """RMS tracking error, rad, of `truth` in MuJoCo under a controller that knows `known`."""
+    """RMS tracking error, rad, of `truth` in MuJoCo under a controller that uses the model `known`."""
     from sim.rigid_body import RigidBody
 
     plant = Plant(truth)
@@ -110,7 +110,7 @@ def tracking(truth: Arm, known: Arm, motion: Trajectory, bandwidth: float, compu
 
 
 def _forward() -> dict[str, Any]:
-    """The forward simulation of a log that no fit saw, against the bound that was stated for it."""
+    """Forward simulation of an unseen log, against its reported bound."""
     nominal = load_arm("ur5e")
     truth = varied(nominal, 105)
     logs = [recorded_on_mock(truth, nominal, fitting_motion(nominal, seed), seed) for seed in (1, 2, 3)]

@@ -1,7 +1,7 @@
-"""On which code a figure depends: what a module of this checkout imports, and what those import.
+"""The code that a figure depends on: a module's imports within this checkout, and theirs.
 
-Imports inside functions count. What is imported by a name that is computed does not (the driver that a cell names, the command that a person
-types): a benchmark lists it in its MEASURES.
+Imports inside functions count. Imports by a computed name do not (the driver named in a cell, the command that a person types);
+a benchmark lists those in its MEASURES.
 """
 
 from __future__ import annotations
@@ -13,9 +13,9 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 PACKAGES = ("calib", "safety", "drivers", "logs", "sim", "benchmarks")
-# they run and keep what a benchmark finds, and change no figure
+# these run benchmarks and store their findings; they change no figure
 ASIDE = ("benchmarks.results", "benchmarks.imports", "benchmarks.kept", "benchmarks.forked")
-ARM, ARMS = "sim.arm", "configs/arms"  # whoever reads arms depends on those that are shipped
+ARM, ARMS = "sim.arm", "configs/arms"  # code that reads arms depends on the shipped arms
 
 
 def git(*arguments: str) -> str:
@@ -24,12 +24,15 @@ def git(*arguments: str) -> str:
 
 
 def commands(*names: str) -> tuple[str, ...]:
-    """The modules behind `calib NAME`, for MEASURES."""
+    """Modules behind `calib NAME`, for MEASURES."""
     return ("calib.main", *(f"calib.commands.{name}" for name in names))
 
 
 def files(path: str) -> list[str]:
-    """The tracked files under a path or, of a module (`calib.commands.diagnose`), those of all that it imports; ValueError where there are none."""
+    """Tracked files under a path or, for a module (`calib.commands.diagnose`), the files of everything it imports.
+
+    ValueError if there are none.
+    """
     if found := git("ls-files", "--", path).splitlines():
         return found
     if path not in modules():
@@ -47,18 +50,21 @@ def files(path: str) -> list[str]:
 
 @cache
 def modules() -> dict[str, str]:
-    """The file of each module of the packages."""
+    """File of each module of the packages."""
     tracked = git("ls-files", "--", *PACKAGES).splitlines()
     return {f[:-3].replace("/", ".").removesuffix(".__init__"): f for f in tracked if f.endswith(".py")}
 
 
 @cache
 def imported(name: str) -> frozenset[str]:
-    """The modules of the packages that a module imports, wherever in it, and the packages that it stands in; not those of its type checker alone."""
+    """Modules of the packages that a module imports anywhere in its code, and its parent packages.
+
+    Imports for type checking do not count.
+    """
     place = modules()[name]
     try:
         tree = ast.parse((ROOT / place).read_bytes())
-    except (OSError, SyntaxError):  # a file that was removed, or is being written
+    except (OSError, SyntaxError):  # a file that was removed or is being written
         return frozenset()
     package = name if place.endswith("__init__.py") else name.rpartition(".")[0]
     found, todo = {name.rpartition(".")[0]}, list[ast.AST]([tree])
@@ -76,6 +82,6 @@ def imported(name: str) -> frozenset[str]:
             todo += node.orelse
         else:
             todo += ast.iter_child_nodes(node)
-    # of a.b.c also a and a.b are run
+    # importing a.b.c also runs a and a.b
     whole = {".".join(x.split(".")[:k]) for x in found for k in range(1, x.count(".") + 2)}
     return frozenset(whole & modules().keys())

@@ -1,8 +1,8 @@
-"""One fault put into a guarded run of the mock, and what came of it: when it could be seen, when the arm slowed down, how far it went.
+"""One fault injected into a guarded run of the mock: when it becomes visible, when the arm slows down, and how far it moves.
 
-Time is simulated. `reaction` counts readings from the first one that the fault changed to the first command that is not the planned
-one, 0 being the command that answers that very reading; `from_visible` counts them from the first reading that differs from that of
-a twin run without the fault by more than the noise of the sensors. Angles are the plant's own.
+Time is simulated. `reaction` counts readings from the first one changed by the fault to the first command that differs from the
+plan; 0 is the command that answers that very reading. `from_visible` counts from the first reading that differs by more than
+sensor noise from a twin run without the fault. Angles are the plant's own.
 """
 
 from __future__ import annotations
@@ -41,17 +41,20 @@ from sim.plant import Plant
 
 AT_REST = STANDSTILL / 10
 TURNS = np.radians(1.0)
-# of the motions that are tried, so many that are cleared are driven
+# seeds of the motions tried, and the number of cleared ones that are used
 TRIED, DRIVEN = range(3, 15), 4
-# instants and joints that a run tries: a box often finds no place that the arm does not touch on its way there
+# instants and joints that a run tries: the arm often touches a possible box on its way there
 ATTEMPTS = 2000
 
 
 class Injection:
-    """Runs of one trouble in one cell, each at a random instant of a random motion and on a random joint that moves."""
+    """Runs of one fault in one cell, each at a random instant of a random motion and on a random moving joint."""
 
     def __init__(self, trouble: Trouble, arm: Arm, cell: Cell, sizes: Sequence[float] = (0.3,)) -> None:
-        """sizes rad: of the motions, those of the first size of which enough are cleared; SafetyStop where none is."""
+        """sizes: rad, amplitudes tried in order until one gives DRIVEN cleared motions; otherwise the last one is used.
+
+        SafetyStop if none of the last amplitude is cleared.
+        """
         self.trouble, self.arm = trouble, arm
         if trouble.payload:
             cell = replace(cell, table=cell.table.model_copy(update={"payload": trouble.payload}))
@@ -65,7 +68,7 @@ class Injection:
             raise refused
 
     def of(self, trouble: Trouble) -> Injection:
-        """The same motions for another trouble, with the same payload."""
+        """The same motions for another fault with the same payload."""
         other = copy.copy(self)
         other.trouble = trouble
         return other
@@ -84,7 +87,7 @@ class Injection:
         return found, refused
 
     def run(self, number: int) -> Run:
-        """The `number`-th run, the same at every call."""
+        """The `number`-th run; it is the same at every call."""
         trouble, arm = self.trouble, self.arm
         for attempt in range(ATTEMPTS):
             rng = np.random.default_rng([number, attempt])
@@ -115,7 +118,7 @@ class Injection:
         )
 
     def _stopped(self, driver: Watched, cleared: ClearedTrajectory, at: int, stop: MotionStopped) -> Run:
-        """Reaction, true angle and time to standstill of one stop."""
+        """Reaction, true angles and time to standstill of one stop."""
         planned, first = last_planned(driver, cleared)
         from_visible = None
         if self.trouble.twin:
@@ -126,7 +129,7 @@ class Injection:
         if driver.visible is None:
             return Run(missed=f"false stop: {stop}")
         while driver.true[-1][2] > AT_REST and len(driver.true) < len(cleared) + SETTLE + AFTER:
-            MockDriver.read(driver)  # nobody reads after a lost link; the plant goes on
+            MockDriver.read(driver)  # after a lost link nothing reads, but the plant moves on
             driver.look()
         begin, end = driver.true[driver.visible - 2], driver.true[-1][1]
         fast = [t for t, _, speed in driver.true if speed > STANDSTILL]
@@ -140,7 +143,7 @@ class Injection:
         )
 
     def _share(self, cleared: ClearedTrajectory, planned: int, end: np.ndarray, kind: str) -> tuple[float, float, float]:
-        """The angle from the last planned command to standstill: over stop and room, over the stop alone, and rad beyond it."""
+        """Angle from the last planned command to standstill: over stop plus room, over the stop alone, rad beyond the stop."""
         proved = np.abs(stop_from(cleared, planned, self.arm).q[-1] - cleared.q[planned])
         if "device" in kind:
             fast, device = np.abs(cleared.dq[planned]), cleared.stop
@@ -151,7 +154,7 @@ class Injection:
         return float(np.max(turned / (proved + cleared.room[planned]))), alone, float(np.max(turned - proved))
 
     def _sound(self, cleared: ClearedTrajectory, at: int, count: int) -> list[JointState]:
-        """The first `count` readings of the same motion of a plant with the same noise and without the trouble."""
+        """First `count` readings of the same motion on a plant with the same noise and without the fault."""
         assert self.trouble.twin
         plant = self.trouble.twin(self.arm, self.cell, cleared, at)
         driver = MockDriver(plant, self.arm, RATE, SimulatedClock(), start=self.home)

@@ -1,7 +1,7 @@
-"""What an installation without extras takes: seconds, megabytes, and what each dependency costs and gives.
+"""Cost of an installation without extras: seconds, megabytes, and what each dependency costs and provides.
 
-`python -m benchmarks install`: into a new environment, from the package index, as `pip install .` does it. A dependency costs what would go
-with it: itself and what nothing else needs.
+`python -m benchmarks install` installs into a new environment from the package index, as `pip install .` does. The cost of a
+dependency is what would go with it: itself and everything that nothing else needs.
 """
 
 from __future__ import annotations
@@ -95,7 +95,7 @@ def run() -> list[dict[str, Any]]:
 
 
 def rows(found: Packages) -> list[dict[str, Any]]:
-    """What each direct dependency costs, the dearest first. KeyError where nobody has written what it gives."""
+    """Cost of each direct dependency, largest first. KeyError if GIVES has no entry for one."""
     direct = [d for d in found["arm-calib"][1] if d in found]
     every = closure(found, direct)
     costs = {}
@@ -110,7 +110,7 @@ def rows(found: Packages) -> list[dict[str, Any]]:
 
 
 def closure(found: Packages, roots: Iterable[str]) -> set[str]:
-    """The packages that the roots need, with themselves."""
+    """The roots and all packages that they need."""
     seen: set[str] = set()
     todo = list(roots)
     while todo:

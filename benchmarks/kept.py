@@ -1,4 +1,4 @@
-"""Work that is done in slices: what earlier runs found stays in a file under build/, and the next run goes on where they ended."""
+"""Storage for work done in slices: findings stay in a file under build/, and the next run continues from them."""
 
 from __future__ import annotations
 
@@ -11,22 +11,22 @@ FOLDER = Path(__file__).parents[1] / "build"
 
 
 class Kept:
-    """Findings by name, one JSON line each in `file` (none where file is None), that belong to `of`: code, seed, whatever they hang on.
+    """Findings by name, one JSON line each in `file` (None: not stored), that belong to `of`: code, seed, other inputs.
 
-    Findings of anything else stay in the file and are not returned: other sources, other answers.
+    Findings of any other `of` stay in the file and are not returned.
     """
 
     def __init__(self, file: Path | None, of: str) -> None:
         self._file, self._of = file, of
         self.found: dict[str, Any] = {}
         for line in file.read_text(encoding="utf-8").splitlines() if file and file.is_file() else []:
-            with suppress(json.JSONDecodeError):  # a line that was cut off is no finding
+            with suppress(json.JSONDecodeError):  # skip a line that was cut off
                 entry = json.loads(line)
                 if entry["of"] == of:
                     self.found[entry["what"]] = entry["found"]
 
     def keep(self, what: str, found: Any) -> None:
-        """Remember one finding, on the disk at once."""
+        """Store one finding, on disk at once."""
         if what in self.found:
             return
         self.found[what] = found

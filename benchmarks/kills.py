@@ -1,7 +1,7 @@
-"""kill -9 during recording, of the control program, of the recording process, or of both, half of them in bursts: what is lost.
+"""kill -9 during recording, of the control program, the recording process or both: which samples are lost?
 
-A run goes on where the last one ended (build/kills.jsonl), for `minutes` at a time, until `count` kills were done: `make kills`. A busy
-computer changes when a kill comes, and nothing else.
+Half of the kills hit bursts. A run continues where the last one stopped (build/kills.jsonl), for `minutes` at a time, until
+`count` kills are done: `make kills`. A busy computer changes only when a kill comes.
 """
 
 from __future__ import annotations
@@ -29,9 +29,9 @@ STEADY = 500.0  # Hz
 
 
 def victim(path: Path, board: Path, rate: float) -> int:
-    """A forked control program that records until it is killed: in bursts of hundreds (rate 0) or at a steady rate.
+    """Fork a control program that records until it is killed, at `rate` Hz or, if 0, in bursts of hundreds of samples.
 
-    On the board it writes the recording process's number, and how many samples it has handed over.
+    It writes two numbers to the board: samples handed over so far, and the process id of the recording process.
     """
     child = os.fork()
     if child:
@@ -52,7 +52,7 @@ def victim(path: Path, board: Path, rate: float) -> int:
 
 
 def kill(number: int) -> dict[str, Any]:
-    """One kill: who, how many samples were handed over, how many of them the file does not hold, and whether it says how many it holds."""
+    """One kill: victims, samples handed over, samples missing from the file, and whether the file reports its sample count."""
     victims, rate = VICTIMS[number % 3], (0.0, STEADY)[number // 3 % 2]
     with tempfile.TemporaryDirectory(prefix="calib-") as folder:
         board, path = Path(folder) / "board", Path(folder) / "a.mcap"
@@ -68,7 +68,7 @@ def kill(number: int) -> dict[str, Any]:
                 os.kill(struct.unpack_from("<q", view, 8)[0], signal.SIGKILL)
             if victims != "recorder":
                 os.kill(child, signal.SIGKILL)
-            os.waitpid(child, 0)  # one whose recorder is gone finds that out and ends
+            os.waitpid(child, 0)  # a control program without its recorder notices and ends
             while is_recording(path):
                 time.sleep(0.01)
             handed_over = struct.unpack_from("<q", view)[0]
@@ -86,7 +86,7 @@ def kill(number: int) -> dict[str, Any]:
 
 
 def run(minutes: float = 10.0, count: int = 300) -> list[dict[str, Any]]:
-    """A slice of the kills, then the rows of all that were done so far: what, value, unit, bar, note."""
+    """Run kills for `minutes`; return rows (what, value, unit, bar, note) over all done so far."""
     end = time.monotonic() + 60 * minutes
     kept = Kept(FOLDER / "kills.jsonl", " ".join(digest(path) for path in MEASURES))
     for number in range(count):

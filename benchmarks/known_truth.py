@@ -1,4 +1,4 @@
-"""Arms whose parameters are known, motions that fit them, and what their sensors would record: by formula, and on the mock."""
+"""Arms with known parameters, motions for them, and recordings of their sensors: by formula and on the mock."""
 
 from __future__ import annotations
 
@@ -21,7 +21,11 @@ HOME = np.array([0.0, -1.4, 1.3, -1.4, -1.2, 0.3])
 
 
 def varied(arm: Arm, seed: int, relative: float = 0.05) -> Arm:
-    """The arm with masses, friction and rotors off by about `relative`, and small torque offsets: what a real one is to its data sheet."""
+    """The arm as a real one differs from its data sheet: masses and effect parameters vary, with small torque offsets.
+
+    Relative std of masses, friction and reflected inertia: `relative`. Inertias scale with the mass. Torque offsets: std 0.2
+    N m.
+    """
     rng = np.random.default_rng(seed)
     mass = arm.tree.mass * (1 + relative * rng.standard_normal(arm.n))
     tree = replace(arm.tree, mass=mass, inertia=arm.tree.inertia * (mass / arm.tree.mass)[:, None, None])
@@ -34,12 +38,12 @@ def varied(arm: Arm, seed: int, relative: float = 0.05) -> Arm:
 
 
 def without_offsets(arm: Arm) -> Arm:
-    """The arm with true torque readings, which is what every tool can model."""
+    """The arm without torque offsets, so that every tool can model it."""
     return replace(arm, effects=tuple(e for e in arm.effects if e.effect != "torque_offset"))
 
 
 def fourier_motion(arm: Arm, seed: int, seconds: float = 20.0, rate: float = 200.0) -> Trajectory:
-    """A random Fourier motion within the arm's speed limits; collisions do not matter to a formula."""
+    """A random Fourier motion within the limits of speed and acceleration. Collisions are not checked."""
     basis = Basis(6, seconds)
     motion = random_fourier(basis, HOME, np.random.default_rng(seed))
     t = np.linspace(0, seconds, 400)
@@ -50,7 +54,7 @@ def fourier_motion(arm: Arm, seed: int, seconds: float = 20.0, rate: float = 200
 
 
 def fitting_motion(arm: Arm, seed: int, seconds: float = 20.0) -> Trajectory:
-    """A random Fourier motion that also keeps clear of the arm itself and of its mounting plane, at the arm's own rate."""
+    """A random Fourier motion clear of the arm itself and its mounting plane, at the arm's own rate, at most 500 Hz."""
     room, rng = Room(arm, open_cell(arm)), np.random.default_rng(seed)
     while True:
         found = fitted_to_room(room, random_fourier(Basis(6, seconds), HOME, rng))
@@ -59,7 +63,7 @@ def fitting_motion(arm: Arm, seed: int, seconds: float = 20.0) -> Trajectory:
 
 
 def recorded(arm: Arm, motion: Trajectory, seed: int = 0, noise: float = 1.0, memory: float = 0.7) -> Log:
-    """What the arm's sensors would say of the motion: quantised angles, torque with coloured noise (AR(1) of that memory)."""
+    """The motion as the arm's sensors report it: quantised angles, torque with AR(1) noise of coefficient `memory`."""
     rng = np.random.default_rng(seed)
     white = rng.standard_normal(motion.q.shape)
     push = np.sqrt(1 - memory**2)
@@ -72,7 +76,7 @@ def recorded(arm: Arm, motion: Trajectory, seed: int = 0, noise: float = 1.0, me
 
 
 def recorded_on_mock(truth: Arm, drive: Arm, motion: Trajectory, seed: int = 0, timestep: float | None = None) -> Log:
-    """What a position-controlled mock of `truth`, whose controller knows `drive`, reports while it follows the motion."""
+    """Readings of a position-controlled mock of `truth` along the motion; its controller uses the model `drive`."""
     plant = Plant(truth, drive=drive, seed=seed, timestep=timestep)
     plant.reset(motion.q[0])
     period, nothing = float(motion.t[1] - motion.t[0]), np.zeros(truth.n)

@@ -1,4 +1,4 @@
-"""Recording: what a sample costs, and how late a control loop runs that records."""
+"""Recording: cost of a sample, and lateness of a control loop that records."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def quantiles(seconds: np.ndarray) -> str:
 
 
 def motion(count: int) -> np.ndarray:
-    """(count, N) angles of a swing with noise, rad, that ends where it began; it compresses as a real recording does."""
+    """Angles of a swing with noise, rad, (count, N). It ends where it began, and compresses like a real recording."""
     rng = np.random.default_rng(0)
     return np.sin(2 * np.pi * np.arange(count)[:, None] / count * (1 + np.arange(N))) + 1e-5 * rng.standard_normal((count, N))
 
@@ -61,14 +61,13 @@ def write_cost(count: int = 50_000) -> list[dict[str, Any]]:
     return out
 
 
-# VmHWM starts anew with the program; ru_maxrss would be inherited from this process
 def _hog(stop: Event) -> None:
     while not stop.is_set():
         math.sqrt(2.0)
 
 
 def lateness(seconds: float) -> list[dict[str, Any]]:
-    """How late a loop that records through RecorderProcess wakes up, at each rate, priority and neighbourhood."""
+    """Wake-up lateness of a loop that records through RecorderProcess, by rate, priority and load of the cores."""
     out = []
     for busy in (False, True):
         context = multiprocessing.get_context("spawn")

@@ -1,7 +1,8 @@
-"""The monitor process beside a run on an emulated UR: how soon the arm stands when the control process hangs or is killed, or itself is.
+"""The monitor process during a run on an emulated UR: time until the arm stops after a process hangs or is killed.
 
-A run goes on where the last one ended (build/monitor_process.jsonl), for `minutes` at a time. The emulated controller has a process and a
-priority of its own, and looks at its arm every millisecond. All of it keeps the wall clock, so a busy computer changes the figures.
+The process is the control process or the monitor process itself. A run continues where the last one stopped
+(build/monitor_process.jsonl), for `minutes` at a time. The emulated controller has its own process and priority and looks at
+its arm every millisecond. Everything runs on the wall clock, so a busy computer changes the figures.
 """
 
 from __future__ import annotations
@@ -36,16 +37,16 @@ from sim.emulated.ur.emulator import UrEmulator
 from sim.errors import CalibError
 
 SECONDS = 12.0
-# sample of the motion, of 500 a second, at which the signal is sent
+# sample of the 500 Hz motion at which the signal is sent
 AT = 2500
-# what is sent to which process
+# signal, and the process that it is sent to
 CASES = {
     "the control process hangs (SIGSTOP)": (signal.SIGSTOP, "calib control"),
     "the control process is killed (SIGKILL)": (signal.SIGKILL, "calib control"),
     "the monitor process is killed (SIGKILL)": (signal.SIGKILL, "calib monitor"),
     "nothing happens": (None, ""),
 }
-# what is timed, its names in the answer of the monitor process, the bar, and what is in it
+# what is timed, its keys in the monitor process's report, the bar, and what it covers
 TIMES = (
     ("cycle of the monitor process, p50/p99.9/max CPU", ("p50 us", "p99.9 us", "max us"), "<= 100",
      "the loop's thread from a reading in hand to its verdict, without hearing it"),
@@ -57,7 +58,10 @@ MEASURES = ("benchmarks.monitor_process", "drivers/ur_rtde")
 
 
 def watched_controller(path: str, talk: Connection) -> None:
-    """The controller; at the end it sends what its arm did: instants (K,) s, largest commanded speed (K,) rad/s, angles (K, 6) rad."""
+    """Run the controller; at the end send what its arm did.
+
+    Sent: instants (K,) s, largest commanded speed (K,) rad/s, angles (K, 6) rad.
+    """
     with contextlib.suppress(PermissionError):
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
     cell = load_cell(path)
@@ -74,7 +78,7 @@ def watched_controller(path: str, talk: Connection) -> None:
 
 
 def measured(number: int, case: str) -> dict[str, Any]:
-    """One run: what the arm did from the signal on, and how the run ended."""
+    """One run: motion of the arm from the signal on, and how the run ended."""
     number_of_signal, target = CASES[case]
     sent: list[float] = []
 
@@ -97,7 +101,7 @@ def measured(number: int, case: str) -> dict[str, Any]:
         talk, theirs = multiprocessing.Pipe()
         controller = multiprocessing.get_context("spawn").Process(target=watched_controller, args=(str(path), theirs))
         controller.start()
-        theirs.close()  # so that a controller that ends is noticed
+        theirs.close()  # so that the end of the controller is noticed
         talk.recv()
         ended = "completed"
         try:
@@ -128,7 +132,7 @@ def measured(number: int, case: str) -> dict[str, Any]:
 
 
 def run(minutes: float = 10.0, repeats: int = 20) -> list[dict[str, Any]]:
-    """A slice, then the rows of all that was found so far: what, value, unit, bar, note."""
+    """Measure for `minutes`; return rows (what, value, unit, bar, note) over everything found so far."""
     end = time.monotonic() + 60 * minutes
     kept = Kept(FOLDER / "monitor_process.jsonl", " ".join(digest(path) for path in MEASURES))
     for number in range(repeats):
@@ -143,7 +147,7 @@ def run(minutes: float = 10.0, repeats: int = 20) -> list[dict[str, Any]]:
 
 
 def of(cycles: list[dict[str, float]], *keys: str) -> str:
-    """The medians of these numbers over the runs."""
+    """Medians of these numbers over the runs."""
     return "/".join(f"{np.median([c[key] for c in cycles]):.0f}" for key in keys)
 
 

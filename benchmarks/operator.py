@@ -1,7 +1,7 @@
-"""What a person waits for: the demo, help and completion, the pages; and how large a page is.
+"""What a person waits for: the demo, help and completion, the pages; and the size of a page.
 
-CPU seconds are those of the command and its children; the demo's bar is of the wall clock, on two cores that do nothing else. Every
-demo is labelled by what it found. `python -m benchmarks operator` prints them.
+CPU seconds are those of the command and its children. The demo's bar is for the wall clock on two otherwise idle cores. Every
+demo is labelled by its outcome. `python -m benchmarks operator` prints the figures.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ def _row(what: str, value: float, unit: str, bar: str, note: str = "") -> dict[s
 
 
 def _timed(arguments: list[str], place: Path, environment: dict[str, str] | None = None) -> tuple[float, float]:
-    """CPU s of one start of the program, its children included, and s of wall clock."""
+    """CPU time of one start of the program with its children, and wall-clock time, s."""
     before, began = resource.getrusage(resource.RUSAGE_CHILDREN), time.monotonic()
     done = subprocess.run(
         [sys.executable, "-m", "calib", *arguments],
@@ -63,7 +63,7 @@ def _timed(arguments: list[str], place: Path, environment: dict[str, str] | None
 
 
 def _story(folder: Path) -> str:
-    """The outcome of a demo, and the wall clock of its steps."""
+    """Outcome of a demo, and wall-clock time of its steps."""
     parts = []
     for name in STEPS:
         run = tomllib.loads((folder / name / "run.toml").read_text(encoding="utf-8"))

@@ -1,9 +1,9 @@
-"""What nobody can do better: the Cramer-Rao bound of a load's numbers, for one who knows motion, friction and the noise's colour.
+"""Cramer-Rao bound of a payload's parameters, with motion, friction and noise colour known: no method does better.
 
     cov [m, m c] >= (sum_k Y_k' W Y_k + prior)^-1,   e_k = phi e_{k-1} + innovation   per joint
 
-Y is the regressor of a body at the flange on joints that slide, W the precision of the innovations; the prior says that the centre lies
-about a tenth of the reach from the last joint, as the watcher's own does.
+Y is the regressor of a body at the flange on sliding joints, W the precision of the innovations. The prior puts the centre
+about a tenth of the reach from the last joint, as the watcher's own prior does.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ SLIDES = 0.03  # rad/s
 
 
 def bound(arm: Arm, readings: Sequence[JointState], load: dict[str, float], reach: float) -> tuple[float, float, float]:
-    """Expected likelihood ratio of the load, relative deviation of its mass, and deviation of its centre (m, all three axes together)."""
+    """Expected likelihood ratio of the payload, relative std of its mass, and std of its centre (m, three axes combined)."""
     t = np.array([s.t_device for s in readings])
     q = np.array([s.q for s in readings])
     dq = _smooth(np.array([s.dq for s in readings]))

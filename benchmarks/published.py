@@ -1,11 +1,11 @@
-"""The published recordings of real arms, as they are: does any command refuse one, and what do jittered stamps cost?
+"""Published recordings of real arms, unmodified: does any command refuse one, and what do jittered stamps cost?
 
-A run goes on where the last one ended (build/published.jsonl). Every recording is imported where it is a table, and given to identify, to
-validate (of the arm that was identified from the first recordings of its set) and to diagnose. Refused is what is said to be wrong data,
-and what ends as a fault. That an arm stands, that nothing can be identified or compared of it, and a poor fit are answers.
+A run continues where the last one stopped (build/published.jsonl). Every recording is imported if it is a table, then given to
+identify, to validate (with the arm identified from the first recordings of its set) and to diagnose. It counts as refused if it
+is reported as wrong data or ends in a fault. A standing arm, nothing to identify or compare, and a poor fit are valid results.
 
-The Panda's stamps are those of a host that was late, and one sample in fourteen repeats the one before. Its repaired copy has whole
-control periods of 1 ms between the samples, as dq demands, and no repeated ones; `repaired` knows nothing of `logs.sampling`.
+The Panda's stamps come from a host that was late, and one sample in fourteen repeats the previous one. Its repaired copy has
+whole control periods of 1 ms between samples, as dq demands, and no repeated ones. `repaired` does not use `logs.sampling`.
 """
 
 from __future__ import annotations
@@ -41,14 +41,14 @@ MEASURES = ("benchmarks.published", *commands("arm", "import_", "identify", "val
 COMMANDS = ("identify", "validate", "diagnose")
 BROKEN = "broken_values.csv"
 STANDS = ("the motion is too short", "Nothing compared", "nothing can be identified of a joint that hardly moves")
-LONGEST = 900.0  # s that one recording may take
-PERIOD, UNTIL, MOST_DIFFERENCE = 1e-3, 10.0, 0.10  # s of the Panda's control, s of it that are fitted
+LONGEST = 900.0  # s, time limit of one recording
+PERIOD, UNTIL, MOST_DIFFERENCE = 1e-3, 10.0, 0.10  # s, the Panda's control period; s, end of the fitted part; bar
 DRIVES = {"dm8009": (1, 2), "dm4340": (3, 4), "dm4310": (5, 6, 7)}
 
 
 @dataclass(frozen=True)
 class Arm:
-    """Words that make the arm (none: it is shipped), its recordings, and words for their import (none where they say what they hold)."""
+    """Words that make the arm (none: it is shipped), its recordings, and words for their import (none: not needed)."""
 
     new: tuple[str, ...]
     files: tuple[str, ...]
@@ -67,7 +67,7 @@ def arms(data: Path) -> dict[str, Arm]:
     for name, motors in DRIVES.items():
         new = next(s.new for s in SETS.values() if name in s.new)
         out[name] = Arm(new, tuple(f for m in motors for f in files(f"damiao/*motor_0{m}.csv")))
-    # the load is a raw number: the gate says how many of them are a newton metre of the pendulum
+    # the load is a raw number: the gate reports how many of them make a newton metre at the pendulum
     words = ("--column", "time=t:s", "--column", "q=q1:rad", "--column", "dq=dq1:rad/s", "--column", "tau=load_raw:N m",
              "--assume", "tau=int16", "--assume", "scale:tau=1670")  # fmt: skip
     out["servo_pendulum"] = Arm(SETS["servo_pendulum"].new, files("servo_pendulum/*.csv"), words)
@@ -75,7 +75,7 @@ def arms(data: Path) -> dict[str, Arm]:
 
 
 def called(*words: str) -> tuple[int, str]:
-    """Exit code of a command and what it printed."""
+    """Exit code of a command and its output."""
     printed = io.StringIO()
     with contextlib.redirect_stdout(printed), contextlib.redirect_stderr(printed):
         code = program(list(words))
@@ -83,7 +83,7 @@ def called(*words: str) -> tuple[int, str]:
 
 
 def made(arm: Arm, name: str, data: Path, folder: Path) -> str:
-    """The arm's name, or the folder that was made of it."""
+    """The arm's name, or the arm folder made for it."""
     if not arm.new:
         return name
     if not (folder / name).is_dir():
@@ -92,7 +92,7 @@ def made(arm: Arm, name: str, data: Path, folder: Path) -> str:
 
 
 def imported(file: Path, arm: str, words: tuple[str, ...], out: Path) -> Path:
-    """The recording as a file that says what it holds; a ur_rtde file does."""
+    """The recording as a file with declared columns and units. A ur_rtde file is one already."""
     if file.read_text().startswith("timestamp,"):
         return file
     if not out.is_dir():
@@ -107,7 +107,7 @@ def _need(*words: str) -> None:
 
 
 def identified(name: str, arm: Arm, data: Path, folder: Path) -> None:
-    """The arm of its first recordings, once."""
+    """Identify the arm from its first recordings, once."""
     if (out := folder / f"identified_{name}").is_dir():
         return
     where = made(arm, name, data, folder)
@@ -116,7 +116,7 @@ def identified(name: str, arm: Arm, data: Path, folder: Path) -> None:
 
 
 def accepted(name: str, arm: Arm, file: str, data: Path, folder: Path) -> dict[str, str]:
-    """What each command that refused the recording said."""
+    """Output of each command that refused the recording."""
     where, identified = made(arm, name, data, folder), folder / f"identified_{name}"
     out: dict[str, str] = {}
     stem = file.replace("/", "_").removesuffix(".csv")
@@ -134,7 +134,10 @@ def accepted(name: str, arm: Arm, file: str, data: Path, folder: Path) -> dict[s
 
 
 def repaired(source: Path, target: Path) -> int:
-    """The Panda's recording without repeated samples, whole control periods apart as dq demands; how many samples were repeated."""
+    """Write the Panda's recording without repeated samples and with whole control periods between samples, as dq demands.
+
+    Returns the number of repeats.
+    """
     head, *lines = source.read_text().splitlines()
     names, table = head.split(","), np.array([line.split(",") for line in lines], dtype=float)
     q = table[:, [k for k, c in enumerate(names) if c[0] == "q" and c[1:].isdigit()]]
@@ -143,7 +146,7 @@ def repaired(source: Path, target: Path) -> int:
     table, q, dq = table[fresh], q[fresh], dq[fresh]
     speed = 0.5 * (dq[1:] + dq[:-1])
     passed = (speed * np.diff(q, axis=0)).sum(axis=1) / np.maximum((speed**2).sum(axis=1), 1e-12)
-    slow = (speed**2).sum(axis=1) < 0.01  # too slow to tell: the stamps
+    slow = (speed**2).sum(axis=1) < 0.01  # too slow to judge by dq: use the stamps
     periods = np.where(slow, np.diff(table[:, 0]) / PERIOD, passed / PERIOD)
     table[:, 0] = table[0, 0] + np.r_[0.0, np.cumsum(np.maximum(np.rint(periods), 1))] * PERIOD
     np.savetxt(target, table, delimiter=",", header=head, comments="", fmt="%.9g")
@@ -151,7 +154,10 @@ def repaired(source: Path, target: Path) -> int:
 
 
 def panda(data: Path, folder: Path) -> list[float]:
-    """Error (n,) on what was not fitted, of the recording as published over that of its repaired copy, joint by joint."""
+    """Error on unfitted samples of the recording as published, over that of its repaired copy.
+
+    Values: one per joint, their mean, and the mean if each arm is tested on its own recording.
+    """
     source = data / "panda" / "excitation_0_15s.csv"
     copy = folder / "repaired.csv"
     repaired(source, copy)
@@ -167,14 +173,14 @@ def panda(data: Path, folder: Path) -> list[float]:
             pieces.append((imported(table, arm, (), folder / f"import_{name}_{part}"), table))
         called("identify", arm, str(pieces[0][0]), "--out", str(folder / f"of_{name}"))
         found.append((folder / f"of_{name}" / "arm", pieces[1]))
-    # both arms predict the repaired copy's last seconds: one truth for both
+    # both arms predict the last seconds of the repaired copy, so that they share one truth
     rmse = [score(where, SETS["panda"], [found[1][1]], folder, where.parent.name)[0] for where, _ in found]
     own = score(found[0][0], SETS["panda"], [found[0][1]], folder, "as_published")[0]
     return [*(rmse[0] / rmse[1]).tolist(), float((rmse[0] / rmse[1]).mean()), float((own / rmse[1]).mean())]
 
 
 def run(minutes: float = 10.0) -> list[dict[str, Any]]:
-    """A slice of the recordings, then the rows of all that were tried so far: what, value, unit, bar, note."""
+    """Try recordings for `minutes`; return rows (what, value, unit, bar, note) over all tried so far."""
     if "ARM_CALIB_DATA" not in os.environ:
         raise RuntimeError("ARM_CALIB_DATA is not set: the real recordings are not part of this project")
     data, end = Path(os.environ["ARM_CALIB_DATA"]), time.monotonic() + 60 * minutes

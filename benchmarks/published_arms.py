@@ -1,4 +1,4 @@
-"""The published arms that are tried, and what is stated of them because their models do not."""
+"""The published arms that are tried, and the facts given because their models do not have them."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from pathlib import Path
 from sim.arm import load_arm
 from sim.usual_arm import COULOMB, INERTIA, VISCOUS
 
-# m from the base to the floor, of an arm whose file begins at its shoulder or at its trunk
+# m from base to floor, for arms whose file begins at the shoulder or the trunk
 FLOOR = {"talos_left": -1.2, "alex_left": -1.2}
-# name -> file in the wheel, and what is the arm
+# name -> file in the wheel, and options that select the arm
 ARMS: dict[str, tuple[str, list[str]]] = {
     "panda": ("panda_description/urdf/panda.urdf", ["--tool", "panda_hand"]),
     "panda_capsules": ("panda_description/urdf/panda_collision.urdf", ["--tool", "panda_hand"]),
@@ -42,7 +42,7 @@ ARMS: dict[str, tuple[str, list[str]]] = {
     "g1_left": ("g1_description/urdf/g1_29dof_rev_1_0.urdf", ["--tool", "left_rubber_hand", "--lock", "waist_*"]),
     "double_pendulum": ("double_pendulum_description/urdf/double_pendulum.urdf", []),
 }
-# name -> what a sentence asks for -> the answer, as an owner of the arm has it from its data sheet
+# name -> what a message asks for -> the options that state it, as an owner knows them from the data sheet
 FACTS: dict[str, dict[str, list[str]]] = {
     "kinova_j2s6s200": {
         "missing: q_min, q_max": [
@@ -51,14 +51,15 @@ FACTS: dict[str, dict[str, list[str]]] = {
     },
     "pr2_right": {
         "--numbers guessed": ["--numbers", "guessed"],
-        # the counterbalance in its shoulder, which floats the arm: in the middle of the range it pulls as its file's masses do
+        # the counterbalance in the shoulder, which balances the arm: mid-range it matches the gravity torque of the file's
+        # masses
         "if a spring or a counterbalance carries them": ["--spring", "r_shoulder_lift_joint=3,-12.5"],
-        # the fore-arm and the wrist turn without end
+        # forearm and wrist turn without limit
         "missing: q_min, q_max": [
             "--limit", "q_min=-2.285,-0.523,-3.9,-2.321,-6.28,-2.094,-6.28", "--limit", "q_max=0.714,1.396,0.8,0,6.28,0,6.28",
         ],
     },
-    # as fast as their owners let them go
+    # speeds that their owners allow
     "alex_left": {"limits.dq_max = 25": ["--limit", "dq_max=6"]},
     "g1_left": {"limits.dq_max = 37": ["--limit", "dq_max=6"]},
     "icub_right": {"limits.dq_max = 100": ["--limit", "dq_max=2"]},
@@ -68,7 +69,7 @@ FACTS: dict[str, dict[str, list[str]]] = {
         ],
     },
 }  # fmt: skip
-# how a table calls what was given, where the sentence that asked for it does not name it
+# name of a fact in the table, where the message that asked for it does not name it
 GIVEN = {
     "--numbers guessed": "that its masses are guessed",
     "if a spring or a counterbalance carries them": "the counterbalance of its shoulder",
@@ -76,14 +77,14 @@ GIVEN = {
     "limits.dq_max = 37": "a lower dq_max",
     "limits.dq_max = 100": "a lower dq_max",
 }
-# what an ordinary drive has: of tau_max its dry friction, its viscous friction at full speed, and its reflected inertia at ddq_max
+# ordinary drive, as shares of tau_max: dry friction, viscous friction at full speed, reflected inertia at ddq_max
 DRIVES = ("state them (`calib arm new --drive`)", {"coulomb": COULOMB, "viscous": VISCOUS, "inertia": INERTIA})
 SHEET = ["--limit", "ddq_max=5", "--limit", "jerk_max=100"]
 CELL = 'schema = "cell/1"\nname = "{name}"\narm = "{arm}"\ndriver = "mock"\nhome = {home}\n'
 
 
 def cell_text(name: str, arm: Path) -> str:
-    """A mock cell of the arm, with the plane that `calib plan` assumes where there is no cell, and a home from which it can move."""
+    """A mock cell of the arm, with the plane that `calib plan` assumes without a cell, and a home from which it can move."""
     import numpy as np
 
     from calib.excitation.home import home_of, open_cell

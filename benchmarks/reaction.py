@@ -1,4 +1,4 @@
-"""A driver with one fault, and what came of a run of it: when it could be seen, and how far the arm was beside its path."""
+"""A driver with one fault, and the evaluation of its run: when the fault is visible, how far the arm leaves its path."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ SETTLE, AFTER = 600, 300
 
 
 class Watched(MockDriver):
-    """The mock with one trouble from its `at`-th reading on; keeps what was read and sent and where the plant really was."""
+    """The mock with one fault from its `at`-th reading on. Records readings, commands and the plant's true state."""
 
     trouble: Trouble
     at: int
@@ -45,7 +45,7 @@ class Watched(MockDriver):
         return self.readings[-1]
 
     def look(self) -> None:
-        """Where the plant really is."""
+        """Record the true state of the plant."""
         data = self.plant.data
         self.true.append((self.plant.time, data.qpos[self.address].copy(), float(np.max(np.abs(data.qvel)))))
 
@@ -54,7 +54,7 @@ class Watched(MockDriver):
         return super().send(q, dq, tau)
 
     def show(self) -> None:
-        """The reading that is being made is the first that the trouble changes."""
+        """Mark the current reading as the first one that the fault changes."""
         self.visible = self.visible or self.reads
 
 
@@ -62,7 +62,7 @@ def connect_and_settle(driver: MockDriver, trouble: Trouble) -> None:
     driver.connect()
     for _ in range(
         SETTLE if trouble.payload or trouble.plant else 0
-    ):  # the drive does not know what it holds: that takes a while
+    ):  # the drive does not know its load and needs a while to settle
         MockDriver.read(driver)
 
 
@@ -72,7 +72,7 @@ Twin = Callable[[Arm, Cell, ClearedTrajectory, int], Plant]
 
 @dataclass(frozen=True)
 class Trouble:
-    """One fault: what it does to readings from the `at`-th on, how the plant is made for it, and the same plant without it."""
+    """One fault: the change of readings from the `at`-th on, how its plant is built, and the same plant without the fault."""
 
     name: str
     change: Callable[[Watched, JointState], JointState]
@@ -82,17 +82,18 @@ class Trouble:
     twin: Twin | None = None
     moving: float = 0.2
     payload: PayloadTable | None = None
-    # something outside pushes the arm: how far beside its path is no figure of the tube
+    # something outside pushes the arm: its distance from the path is no figure of the tube
     pushed: bool = False
 
 
 @dataclass(frozen=True)
 class Run:
-    """What came of one run: a stop with its figures, `missed` why there was none that should have been, or neither.
+    """Result of one run: a stop with its figures, the reason why an expected stop is missing (`missed`), or neither.
 
-    angle rad: the farthest that a joint really turned from its last good reading on. share: that from the last planned command on, over
-    what was proved from there, the angle of the stop and the room beside it; alone: over the angle of the stop alone, of joints that turn
-    by more than TURNS; beyond rad: how far it went beyond that. beside: how far the plant was beside every point that was commanded, over the room that was proved there.
+    angle: rad, largest true rotation of a joint from its last good reading on. share: rotation from the last planned command
+    on, over the verified stop angle plus the room beside it. alone: the same over the stop angle alone, for joints whose stop
+    angle exceeds TURNS. beyond: rad past the stop angle. beside: deviation of the plant from the commanded points over the room
+    verified there, least over points. time: s from the first visible reading to standstill.
     """
 
     reaction: int | None = None
@@ -107,7 +108,7 @@ class Run:
 
 
 def last_planned(driver: Watched, cleared: ClearedTrajectory) -> tuple[int, int]:
-    """The last planned sample that was sent, and the number of the reading that was answered by the first slower command."""
+    """Last planned sample sent, and number of the reading that the first slower command answers."""
     for k, (reads, q) in enumerate(driver.sent):
         if not (k < len(cleared) and np.array_equal(q, cleared.q[k])):
             return max(k - 1, 0), reads
@@ -115,9 +116,9 @@ def last_planned(driver: Watched, cleared: ClearedTrajectory) -> tuple[int, int]
 
 
 def beside(driver: Watched, cleared: ClearedTrajectory, planned: int, first: int) -> float:
-    """How far the plant was beside every point that was commanded, over the room that was proved there; the least of all points, the worst of all readings.
+    """Deviation of the plant from the commanded points over the room verified there: least over points, largest over readings.
 
-    The path and its stop are proved as places, whenever the arm is there: one that is held back stands on the way that it came.
+    Path and stop are verified as places, whenever the arm is there: an arm that is held back is on the way that it came.
     """
     commanded = np.array([q for _, q in driver.sent])
     room = np.array([cleared.room[min(k, planned)] for k in range(len(commanded))])
@@ -130,7 +131,7 @@ def beside(driver: Watched, cleared: ClearedTrajectory, planned: int, first: int
 
 
 def first_visible(readings: list[JointState], sound: list[JointState], arm: Arm, sigmas: float) -> int | None:
-    """Number of the first reading with a number further than `sigmas` of its sensor's noise from the same reading without the trouble."""
+    """Number of the first reading that differs from the fault-free one by more than `sigmas` of its sensor's noise."""
     sensors = arm.sensors
     for k, (a, b) in enumerate(zip(readings, sound, strict=False)):
         beside = (

@@ -1,4 +1,4 @@
-"""How long an hour at 500 Hz takes to finish and to read, and how much memory."""
+"""Time and memory to finish and to read an hour of recording at 500 Hz."""
 
 from __future__ import annotations
 
@@ -20,6 +20,7 @@ MEASURES = ("benchmarks.reading", "logs")
 ENVIRONMENT = os.environ | {
     "PYTHONPATH": os.pathsep.join([str(Path(__file__).resolve().parent.parent), os.environ.get("PYTHONPATH", "")])
 }
+# VmHWM starts afresh with each program; ru_maxrss would be inherited from this process
 READER = """
 import sys, time
 from pathlib import Path
@@ -31,7 +32,7 @@ print(time.perf_counter() - begin, time.process_time(), len(log), int(Path("/pro
 
 
 def hour(hours: float) -> list[dict[str, Any]]:
-    """One hour at 500 Hz of all that a recording can hold, finished and read, each in a fresh process."""
+    """Finish a recording of `hours` at 500 Hz with everything that a recording can hold, and read it in a fresh process."""
     count = round(hours * 3600 * 500)
     out = []
     q = motion(10_000)
@@ -67,7 +68,7 @@ def hour(hours: float) -> list[dict[str, Any]]:
 
 
 def csv(rows: int = 95_000) -> list[dict[str, Any]]:
-    """A ur_rtde CSV file with 31 columns."""
+    """Read a ur_rtde CSV file with 31 columns."""
     stems = ("actual_q", "actual_qd", "actual_current", "target_current", "target_moment")
     head = ",".join(["timestamp", *(f"{stem}_{j}" for stem in stems for j in range(N))])
     table = np.hstack([0.002 * np.arange(rows)[:, None], np.tile(motion(rows), 5)])

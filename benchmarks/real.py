@@ -1,9 +1,10 @@
-"""`make real`: what the tool leaves of real recordings, arm by arm, as its user would see it.
+"""`make real`: the residual that the tool leaves on real recordings, arm by arm, as a user would see it.
 
-Every arm is made with `calib arm new` or `calib arm drive`, its recordings are imported with `calib import`, identified, diagnosed
-without any recording kept apart, and both arms predict recordings that neither has seen with `calib validate`. Measured and predicted
-torque then pass one zero-phase low-pass (Butterworth, fourth order) and are compared on all samples in motion, reversals included.
-Reference: what plain weighted least squares (base parameters, rotor, viscous, sign, offset) leaves on the same split.
+Every arm is made with `calib arm new` or `calib arm drive`. Its recordings are imported with `calib import`, identified, and
+diagnosed without any held-out recording. Both arms then predict unseen recordings with `calib validate`. Measured and predicted
+torque pass one zero-phase low-pass filter (Butterworth, fourth order) and are compared on all samples in motion, reversals
+included. Reference: the residual of plain weighted least squares (base parameters, reflected inertia, viscous, sign, offset) on
+the same split.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ from benchmarks.results import write
 COMMAND = "make real"
 MEASURES = ("benchmarks.real", *commands("arm", "import_", "identify", "validate", "diagnose"))
 BARS = {("ur10e", "diagnosed"): "1 s <= 30 mrad"}
-EDGE, MOVING = 0.3, 0.02  # s left out before the first and after the last motion; rad/s
+EDGE, MOVING = 0.3, 0.02  # s, left out after the start and before the end of motion; rad/s
 
 
 class Failed(RuntimeError):
@@ -37,7 +38,7 @@ class Failed(RuntimeError):
 
 
 def calib(*words: str) -> None:
-    """One command; the last line of what it says, if it fails."""
+    """Run one command. Failed with the last line of its output if the exit code is above 1."""
     done = subprocess.run([sys.executable, "-m", "calib", *words], capture_output=True, text=True, check=False)
     if done.returncode > 1:
         lines = (done.stderr or done.stdout).strip().splitlines() or ["no word"]
@@ -45,7 +46,7 @@ def calib(*words: str) -> None:
 
 
 def part(data: Path, name: str, since: float, until: float, folder: Path) -> Path:
-    """A recording between two times, s from its start; up to 1 they are shares of it, where `until` is."""
+    """The part of a recording between `since` and `until`, s from its start; shares of its length if `until` is at most 1."""
     source = data / name
     if (since, until) == ALL:
         return source
@@ -61,7 +62,7 @@ def part(data: Path, name: str, since: float, until: float, folder: Path) -> Pat
 
 
 def errors(prediction: Path, recording: Path, cutoff: float) -> tuple[np.ndarray, np.ndarray]:
-    """Samples in motion (N, n) of error and of measured torque, both filtered."""
+    """Error and measured torque at the samples in motion, (N, n) each, both filtered."""
     with prediction.open() as file:
         rows = list(csv.DictReader(file))
     joints = [c.removeprefix("tau_hat_") for c in rows[0] if c.startswith("tau_hat_")]
@@ -82,7 +83,7 @@ def errors(prediction: Path, recording: Path, cutoff: float) -> tuple[np.ndarray
 
 
 def score(arm: Path, s: Set, tests: list[tuple[Path, Path]], folder: Path, stage: str) -> tuple[np.ndarray, np.ndarray, str]:
-    """RMSE (n,) N m over the recordings kept apart, the standard deviation of the torque there, and `moved` of their validations."""
+    """RMSE (n,) N m over the held-out recordings, the standard deviation of their torque, and `moved` of their validations."""
     found, validations = [], []
     for k, (log, recording) in enumerate(tests):
         out = folder / f"predicted_{stage}_{k}"
@@ -94,7 +95,7 @@ def score(arm: Path, s: Set, tests: list[tuple[Path, Path]], folder: Path, stage
 
 
 def moved(validations: list[dict[str, Any]]) -> str:
-    """By horizon how far the simulated arm is from the recordings: RMS over joints and recordings in mrad, and of the flange in mm."""
+    """Simulated arm against the recordings by horizon: RMS over joints and recordings, mrad, and of the flange, mm."""
     entries = [entry for v in validations for log in v["logs"] for entry in log["motion"]]
     parts = []
     for seconds in sorted({entry["horizon_s"] for entry in entries}):
@@ -110,7 +111,7 @@ def moved(validations: list[dict[str, Any]]) -> str:
 
 
 def measure(name: str, s: Set, data: Path, folder: Path) -> list[dict[str, object]]:
-    """Rows of one set: after identify and after diagnose, over the reference or over the torque's standard deviation."""
+    """Rows of one set: error after identify and after diagnose, over the reference or over the torque's standard deviation."""
     arm = name
     if s.new:
         arm = str(folder / "arm_made")
@@ -135,7 +136,7 @@ def measure(name: str, s: Set, data: Path, folder: Path) -> list[dict[str, objec
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     answer = json.loads((folder / "diagnosed" / "diagnosis.json").read_text())
     for stage in ("identified", "diagnosed"):
-        # A diagnosis that refused every correction writes no arm: the arm as it was is its answer.
+        # A diagnosis that rejects every correction writes no arm; its result is then the identified arm.
         where = folder / stage if (folder / stage / "arm").is_dir() else folder / "identified"
         rmse, spread, motion = score(where / "arm", s, logs[1], folder, stage)
         ratio = rmse / np.array(s.reference) if s.reference else rmse / spread
@@ -153,7 +154,7 @@ def measure(name: str, s: Set, data: Path, folder: Path) -> list[dict[str, objec
 
 
 def main() -> None:
-    """Every set of ARM_CALIB_DATA, or those that are named; results/real.json unless --only is given."""
+    """Measure all sets of ARM_CALIB_DATA, or those given with --only. Writes results/real.json unless --only is given."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--only", nargs="+", choices=list(SETS))
     parser.add_argument("--keep", type=Path, help="folder for everything that is written on the way")

@@ -1,4 +1,4 @@
-"""The free and loaded recordings of one real UR10e, watched with the arm that was identified from some of them, and as other arms."""
+"""Free and loaded recordings of one real UR10e, watched with the arm identified from some of them, and as other arms."""
 
 from __future__ import annotations
 
@@ -35,12 +35,12 @@ def row(what: str, value: Any, bar: str, note: str) -> dict[str, Any]:
 
 
 def listed(events: list[WatchEvent]) -> str:
-    """When, what, and where."""
+    """Time, kind and joint of each event."""
     return ", ".join(f"{e.t:.1f} s {e.kind.value}" + (f" {e.joint}" if e.joint else "") for e in events)
 
 
 def real(folder: Path) -> list[dict[str, Any]]:
-    """The free and loaded recordings of one real UR10e, with the arm identified from FITTED, and with another arm's model."""
+    """Watch the recordings with the arm identified from FITTED, and two of them with the models of other arms."""
     out = []
     with tempfile.TemporaryDirectory() as scratch:
         arm = _identified(folder, Path(scratch) / "arm")
@@ -50,7 +50,7 @@ def real(folder: Path) -> list[dict[str, Any]]:
             bar = "1 payload" if name in LOADED else "0"
             out.append(row(f"real UR10e, {name}: events about the arm", listed(about) or 0, bar, picture.sentence))
         for other in ("ur16e", "ur20", "ur5e", "ur3e"):
-            # with the right arm's torque constants, without which its currents are refused
+            # with the right arm's torque constants: without them its currents are refused
             wrong = replace(load_arm(other), torque_constant=load_arm("ur10e").torque_constant)
             write_arm(Path(scratch) / other, wrong)
             for name in ("excitation_free_b", "excitation_30s_12h"):

@@ -1,4 +1,4 @@
-"""The public recordings of real arms, and what is stated of each."""
+"""The public recordings of real arms, and the facts given for each."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from sim.arm import load_arm
 class Set:
     """Recordings of one arm.
 
-    new: words after `calib`, with DATA for the folder of the recordings; train and test: (file, from s, to s); cutoff Hz; reference N m
-    per joint, empty where nobody has published one; columns: what the tables' columns mean where their names do not say it; assume: words for `--assume`;
-    identify: further words of `calib identify`.
+    new: words after `calib`, with DATA for the recordings' folder. train, test: (file, from s, to s). cutoff: Hz. reference:
+    N m per joint, empty if none is published. columns: meaning of columns whose names do not state it. assume: words for
+    `--assume`. identify: further words for `calib identify`.
     """
 
     new: tuple[str, ...]

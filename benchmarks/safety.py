@@ -1,4 +1,7 @@
-"""Motion safety: clearing a long plan, a monitor cycle, and the tube looked at again (benchmarks/tube.py); faults: benchmarks/faults.py."""
+"""Motion safety: clearing a long plan, a monitor cycle, and an independent check of the tube (benchmarks/tube.py).
+
+Faults are in benchmarks/faults.py.
+"""
 
 from __future__ import annotations
 
@@ -33,7 +36,7 @@ def row(what: str, value: Any, unit: str = "", bar: str = "", note: str = "") ->
 
 
 def clearing(arm: Arm, cell: Cell) -> list[dict[str, Any]]:
-    """Time to prove a motion of 60 s, CPU and wall clock, geometry included."""
+    """Time to verify a motion of 60 s, CPU and wall clock, geometry included."""
     home = np.array(cell.table.home)
     best, wall = np.inf, np.inf
     for seed in (0, 1, 2):
@@ -48,9 +51,10 @@ def clearing(arm: Arm, cell: Cell) -> list[dict[str, Any]]:
 
 
 def monitoring(arm: Arm, cell: Cell, count: int = 20_000, paced: int = 10_000) -> list[dict[str, Any]]:
-    """CPU time of one monitor cycle on readings of a plant that follows a motion, the clearance of every measured posture included.
+    """CPU time of a monitor cycle on readings of a plant that follows a motion.
 
-    Then of cycles that begin 1 / RATE s apart, as in a run, with sleep between them; and of nothing at all at that pace: what waking up costs.
+    It includes the clearance of every measured posture. Then the same for cycles 1 / RATE s apart with sleep between them, as
+    in a run, and for an empty call at that pace: the cost of waking up.
     """
     spent, real_time = cycles(arm, cell, count, pace=False)
     granted = "real-time priority as in a run" if real_time else "no real-time priority was granted"
@@ -68,7 +72,7 @@ def spread(spent: np.ndarray) -> str:
 
 
 def cycles(arm: Arm, cell: Cell, count: int, pace: bool) -> tuple[np.ndarray, bool]:
-    """(count + 1,) s of CPU of each cycle, and whether real-time priority was granted; RuntimeError where a rule was broken."""
+    """CPU time of each cycle, s, (count + 1,), and whether real-time priority was granted. RuntimeError if a rule is broken."""
     driver = MockDriver.from_cell(cell, arm)
     driver.connect()
     clearance = Clearance(arm, cell)
@@ -94,16 +98,16 @@ def cycles(arm: Arm, cell: Cell, count: int, pace: bool) -> tuple[np.ndarray, bo
 
 
 def wait(due: float) -> float:
-    """Until the next period; from now on where it was missed."""
+    """Sleep until the next period and return its due time. After a delay of more than a period the pace continues from now."""
     due = max(due + 1 / RATE, time.monotonic() - 1 / RATE)
     time.sleep(max(0.0, due - time.monotonic()))
     return due
 
 
 def nothing(count: int) -> np.ndarray:
-    """(count,) s of CPU of a call that computes nothing, at the pace of a run."""
+    """CPU time of a call that computes nothing, at the pace of a run, s, (count,)."""
     spent = np.empty(count)
-    add(1.0, 2.0)  # compiled
+    add(1.0, 2.0)  # compile
     with prepared():
         due = time.monotonic()
         for k in range(count):
@@ -120,7 +124,7 @@ def add(a: float, b: float) -> float:
 
 
 def edits(arm: Arm, cell: Cell, count: int = 1_000) -> list[dict[str, Any]]:
-    """Fields of what was approved, edited one at a time: how many an approval accepts all the same, and how many refusals name the field."""
+    """Single-field edits of an approved manifest: how many are still accepted, and how many refusals name the field."""
     rng, now = np.random.default_rng(0), datetime.now(UTC)
     with tempfile.TemporaryDirectory(prefix="calib-") as folder:
         path = sines(np.array(cell.table.home), 3.0, 0.1, seed=0)

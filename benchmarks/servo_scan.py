@@ -1,6 +1,7 @@
-"""`calib servo scan` on six mixed drives over the bytes of a serial CAN FD adapter: the whole command, from its start to its exit.
+"""`calib servo scan` on six mixed drives behind an emulated serial CAN FD adapter: the whole command, from start to exit.
 
-Two makers (Damiao, RobStride), five drives switched on and one off, one with CAN FD. The emulated drives share this computer with the command.
+Two makers (Damiao, RobStride), five drives switched on and one off, one with CAN FD. The emulated drives share this computer
+with the command.
 """
 
 from __future__ import annotations

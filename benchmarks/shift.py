@@ -1,4 +1,4 @@
-"""A shift of simulated work: moves from pose to pose with pauses, readings of the plant along it, and an arm that changes on the way."""
+"""A shift of simulated work: moves between poses with pauses, the plant's readings, and an arm that changes on the way."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Motion = tuple[np.ndarray, np.ndarray]
 
 
 def work(arm: Arm, seconds: float, seed: int, share: float = 0.6, pause: float = 0.3) -> Motion:
-    """q, dq (N, n) at the arm's rate, for six joints: from one random pose to the next at `share` of the speed limits, then `pause` s."""
+    """q, dq (N, n) of a six-joint arm at its rate: moves between random poses at `share` of the speed limits, with pauses."""
     rng, rate, here = np.random.default_rng(seed), arm.sensors.rate, HOME
     parts: list[Motion] = []
     done = 0
@@ -38,7 +38,7 @@ def work(arm: Arm, seconds: float, seed: int, share: float = 0.6, pause: float =
 def states(
     arm: Arm, motion: Motion, seed: int = 0, changes: Sequence[tuple[float, Arm]] = (), truth: Arm | None = None
 ) -> Iterator[JointState]:
-    """Readings of the plant along the motion; at each instant of `changes` it becomes another arm."""
+    """Readings of the plant along the motion. At each time in `changes` it becomes another arm."""
     plant, due = Plant(truth or arm, drive=arm, seed=seed), list(changes)
     q, dq = motion
     plant.reset(q[0])
@@ -51,6 +51,6 @@ def states(
 
 
 def moving_at(arm: Arm, motion: Motion, after: float, joints: slice = slice(1, 3), speed: float = 0.1) -> float:
-    """The first instant from `after` on at which these joints (shoulder and elbow) move faster than `speed` rad/s."""
+    """First time from `after` on at which these joints (default: shoulder and elbow) all move faster than `speed` rad/s."""
     k = int(after * arm.sensors.rate)
     return (k + int(np.argmax(np.abs(motion[1][k:, joints]).min(axis=1) > speed))) / arm.sensors.rate

@@ -1,4 +1,4 @@
-"""Motions of the benchmarks of safety."""
+"""Motions for the safety benchmarks."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from sim.trajectory import Trajectory
 def sines(
     home: np.ndarray, duration: float, amplitude: float, step: float = 0.01, harmonics: int = 5, seed: int = 0
 ) -> Trajectory:
-    """Sums of sines about `home` below a window that is at rest at both ends, exact in all derivatives."""
+    """Sums of sines about `home` under a window that is at rest at both ends, exact in all derivatives."""
     rng = np.random.default_rng(seed)
     t = np.linspace(0, duration, round(duration / step) + 1)[:, None]
     base = 2 * np.pi / min(duration, 10.0)

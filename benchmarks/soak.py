@@ -1,7 +1,8 @@
-"""False stops and missed faults on rough arms: backlash, elasticity, a spring, and every parameter 10 % wrong; time is simulated.
+"""False stops and missed faults on rough arms: backlash, elasticity, a spring, every parameter 10 % wrong; simulated time.
 
-Each arm is driven through cleared motions in sections of SECTION s until it has moved for `each` minutes; then every fault of
-benchmarks/faults.py is put into it once. A run goes on where the last one ended (build/soak.jsonl), for `minutes` at a time: `make soak`.
+Each arm is driven through cleared motions in sections of SECTION s until it has moved for `each` minutes. The faults FAULTS are
+injected in turn, one per section. A run continues where the last one stopped (build/soak.jsonl), for `minutes` at a time: `make
+soak`.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ MEASURES = ("benchmarks.soak",)
 ARMS = ("ur10e", "ur5e", "ur3e", "ur16e", "ur20", "servo6")
 SECTION = 60.0
 WRONG = 0.1
-# faults that a rough arm shows as well: those that change the plant have one of their own
+# faults for a rough arm: those that must stop it and need no plant of their own
 FAULTS = tuple(t for t in TROUBLES if t.stops and t.plant is None)
 # following error that the cell states: a soft gear and a spring are beside the drive's own encoder
 FOLLOWING = 0.02
@@ -41,7 +42,10 @@ HOME = np.array([0.0, -1.4, 1.3, -1.4, -1.2, 0.3])
 
 
 def rough(arm: Arm, seed: int = 0) -> Arm:
-    """The truth: every mass, centre of mass, inertia, rotor and friction 10 % wrong, a soft gear, backlash and a spring at three joints."""
+    """The truth: every mass, centre of mass, inertia and effect parameter 10 % wrong, plus elasticity, backlash and a spring.
+
+    The three are at three different joints.
+    """
     rng, tree = np.random.default_rng(seed), arm.tree
 
     def off(*shape: int) -> np.ndarray:
@@ -56,7 +60,7 @@ def rough(arm: Arm, seed: int = 0) -> Arm:
         )
     soft, loose, sprung = rng.choice(n, 3, replace=False)
     names, most = arm.joint_names, arm.tau_max
-    # a gear that gives way by 5 mrad at the largest torque, a gap of 1 mrad, a spring of a tenth of the largest torque at 1 rad
+    # gear twist of 5 mrad at the largest torque, a gap of 1 mrad, a spring with a tenth of the largest torque at 1 rad
     truth = with_effect(truth, ArmEffect("joint_elasticity", names[soft], {"stiffness": float(most[soft] / 5e-3)}))
     truth = with_effect(truth, ArmEffect("backlash", names[loose], {"half_gap": 5e-4}))
     return with_effect(
@@ -66,12 +70,12 @@ def rough(arm: Arm, seed: int = 0) -> Arm:
 
 
 def plant_of(arm: Arm, cell: Cell, cleared: ClearedTrajectory, at: int) -> Plant:
-    """The rough arm whose drive knows the nominal one; another for each `at`."""
+    """The rough arm with a drive that knows the nominal one; a different arm for each `at`."""
     return Plant(rough(arm, at), drive=arm, seed=at, obstacles=cell.table.obstacles)
 
 
 def section(arm: Arm, cell: Cell, number: int) -> dict[str, Any]:
-    """One section of one arm: how long it moved, s, and the sentence of a stop where there was one."""
+    """One section of one arm: s of motion, and the message of a stop, if any."""
     clearance, rng = Clearance(arm, cell), np.random.default_rng(number)
     motions: list[ClearedTrajectory] = []
     for size in rng.permutation((0.1, 0.2, 0.3)):
@@ -105,7 +109,7 @@ def section(arm: Arm, cell: Cell, number: int) -> dict[str, Any]:
 
 
 def run(minutes: float = 10.0, each: float = 30.0) -> list[dict[str, Any]]:
-    """A slice of it, then the rows of all that was found so far: what, value, unit, bar, note."""
+    """Measure for `minutes`; return rows (what, value, unit, bar, note) over everything found so far."""
     end = time.monotonic() + 60 * minutes
     kept = Kept(FOLDER / "soak.jsonl", " ".join(digest(path) for path in MEASURES))
     base = load_cell("mock-ur10e")

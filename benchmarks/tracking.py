@@ -1,7 +1,7 @@
-"""What calibration is good for: how well an arm follows a motion under computed torque, before it and after, with an effect hidden in it.
+"""Benefit of calibration: tracking error under computed torque before and after calibrating an arm with a hidden effect.
 
-Each case is a run of `calib demo`: the tool learns of the hidden effect only from recordings. What is hidden moves the arm; effects of the
-readings alone move nothing, and are left out.
+Each case is a run of `calib demo`: the tool learns of the hidden effect only from recordings. All hidden effects act on the
+motion; effects on readings alone are left out.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ MEASURES = ("benchmarks.tracking", *commands("demo"))
 
 
 def run(minutes: float = 10.0) -> list[dict[str, Any]]:
-    """A slice of the seeds, then rows of all that were run so far: what, value, unit, bar, note."""
+    """Run seeds for `minutes`; return rows (what, value, unit, bar, note) over all run so far."""
     end = time.monotonic() + 60 * minutes
     kept = Kept(FOLDER / "tracking.jsonl", " ".join(map(digest, MEASURES)))
     for seed in SEEDS:
@@ -42,7 +42,7 @@ def run(minutes: float = 10.0) -> list[dict[str, Any]]:
 
 
 def demonstrated(seed: int) -> dict[str, Any]:
-    """The JSON of one demo."""
+    """JSON output of one demo."""
     with tempfile.TemporaryDirectory(prefix="calib-tracking-") as place:
         out = Path(place) / "demo"
         line = [sys.executable, "-m", "calib", "demo", "--seed", str(seed), "--out", str(out), "--json"]
@@ -52,13 +52,13 @@ def demonstrated(seed: int) -> dict[str, Any]:
 
 
 def ratio(demo: dict[str, Any]) -> float:
-    """RMS tracking error with the calibrated model in the controller, over that with the nominal one."""
+    """RMS tracking error with the calibrated model in the controller over that with the nominal one."""
     tracking = demo["tracking"]
     return float(tracking["calibrated"]["error_mrad"] / tracking["nominal"]["error_mrad"])
 
 
 def row(demo: dict[str, Any]) -> dict[str, Any]:
-    """Before, after, and what is left with the truth itself in the controller."""
+    """Tracking error before and after, and with the truth itself in the controller."""
     hidden, error = demo["hidden"], {name: t["error_mrad"] for name, t in demo["tracking"].items()}
     where = f"{hidden['effect'].replace('_', ' ')} at {hidden['joint'] or 'the whole arm'} (seed {demo['seed']})"
     note = f"RMS {error['nominal']:.2f} mrad before, {error['calibrated']:.2f} after, {error['the truth itself']:.2f} with the truth itself"

@@ -1,7 +1,7 @@
-"""The tube that safety.clear proves, looked at again: random arms beside their path, late, in either stop, from any instant.
+"""Independent check of the tube that safety.clear verifies: random postures off the path, late, in either stop.
 
-Clearance is measured by Clearance.distances at postures that this file makes up by itself from the samples that were sent; stops with a
-heavy load are driven in MuJoCo by arms at corners of the parameter box.
+Clearance is measured by Clearance.distances at postures computed here from the samples sent, at any instant. Stops with a heavy
+load are driven in MuJoCo by arms at corners of the parameter box.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ RATE = 500.0
 HEAVY = PayloadTable(mass=10.0, com=[0.0, 0.0, 0.0])
 
 
-# the forearm stands up: stretched out, the elbow cannot hold 10 kg for every mass of the parameter box
+# forearm upright: stretched out, the elbow cannot hold 10 kg for every mass in the parameter box
 RAISED = [0.0, -1.8, 0.6, -1.2, -1.3, 0.3]
 
 
@@ -45,7 +45,7 @@ def row(what: str, value: Any, unit: str = "", bar: str = "", note: str = "") ->
 
 
 def posture(motion: ClearedTrajectory, arm: Arm, stop: DeviceStop, rng: np.random.Generator) -> tuple[np.ndarray, float]:
-    """Where an arm may be: in the motion, or some time into a stop that begins at any instant; and the room that was verified there."""
+    """A posture where an arm may be, and the room verified there: on the path, or some time into a stop from any instant."""
     path = Trajectory(motion.t, motion.q, motion.dq, motion.ddq)
     t = rng.uniform(0, motion.t[-1] - 1e-3)
     k = min(int(t * motion.rate), len(motion) - 2)
@@ -67,7 +67,7 @@ def posture(motion: ClearedTrajectory, arm: Arm, stop: DeviceStop, rng: np.rando
 
 
 def looked_at(arm: Arm, cell: Cell, count: int) -> list[dict[str, Any]]:
-    """Margins at `count` random places of the tubes of random motions, every joint beside the path by up to the verified room."""
+    """Margins at `count` random places in the tubes of random motions, every joint off the path by up to the verified room."""
     rng, stop, motions = np.random.default_rng(0), DeviceStop(), []
     heavy, refused = loaded(cell, HEAVY), 0
     home = np.array(RAISED)
@@ -88,14 +88,17 @@ def looked_at(arm: Arm, cell: Cell, count: int) -> list[dict[str, Any]]:
     return [row(f"margins not kept in {count:,} places of the tube", int(np.sum(found < 0)), "", "0", note)]
 
 
-# arms that hold 10 kg for every mass of the parameter box
+# arms that hold 10 kg for every mass in the parameter box
 CARRIERS = ("ur10e", "ur12e", "ur15", "ur16e", "ur18", "ur20", "ur30", "ur10")
-# rad: the largest motions of which enough are cleared
+# rad, amplitudes tried from the largest down until enough motions are cleared
 SIZES = (0.6, 0.45, 0.3, 0.2, 0.12)
 
 
 def braking(repeats: int) -> list[dict[str, Any]]:
-    """Stops with 10 kg in drive, cell and plant, the plant's masses, centres, inertias, rotors and friction at corners of the box."""
+    """Stops with 10 kg in drive, cell and plant.
+
+    The plant's masses, centres of mass, inertias, reflected inertias and friction are at corners of the parameter box.
+    """
     kinds = {"our stop": "over-temperature", "the device's stop": "cable out"}
     rows, every = [], []
     for name, (kind, fault) in product(CARRIERS, kinds.items()):
@@ -134,9 +137,9 @@ def braking(repeats: int) -> list[dict[str, Any]]:
 
 
 def at_corner(arm: Arm, cell: Cell, cleared: ClearedTrajectory, at: int) -> Plant:
-    """A plant at a random corner of the box that was verified; its drive holds the nominal links with the declared payload.
+    """A plant at a random corner of the verified box; its drive has the nominal links with the declared payload.
 
-    The drive knows the rotors that it turns: a loop that was tuned for others would not be steady.
+    The drive knows the true reflected inertia: a loop tuned for another one would be unstable.
     """
     rng, load = np.random.default_rng(at), cell.table.payload
     assert load is not None
@@ -154,9 +157,10 @@ def carrying(arm: Arm, mass: float, com: list[float]) -> Arm:
 
 
 def corner(arm: Arm, rng: np.random.Generator) -> Arm:
-    """Every link's mass, centre of mass and inertia and every friction at one end of its interval in the proof, rotors as known or heaviest.
+    """Every link's mass, centre of mass and inertia, and every friction, at one end of the interval that safety.clear assumes.
 
-    A rotor of none would leave the mock's drive, whose gains go with inertia, no stiffness against friction.
+    Reflected inertia is as known or at its upper end. At zero it would leave the mock's drive, whose gains scale with inertia,
+    no stiffness against friction.
     """
     tree, prior = arm.tree, arm.prior
     mass, com, inertia = tree.mass.copy(), tree.com.copy(), tree.inertia.copy()

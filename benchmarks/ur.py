@@ -1,8 +1,8 @@
-"""A UR over the wire: frames, late commands, and what happens after each fault, against the emulated controller.
+"""A UR over the wire, against the emulated controller: frames, late commands, and the reaction to each fault.
 
-The controller is emulated, and shares this computer with the driver: the figures are of driver, ur_rtde and this computer, not of
-a robot. `python -m benchmarks ur` makes them all, half an hour; `python -m benchmarks.ur streaming` or the names of some faults instead make a
-part. Load average stands with each.
+The emulated controller shares this computer with the driver, so the figures describe driver, ur_rtde and this computer, not a
+robot. `python -m benchmarks ur` measures everything in half an hour; `python -m benchmarks.ur` with streaming or fault names
+measures a part. Each figure states the load average.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from sim.joint_state import Status
 
 MEASURES = ("benchmarks.ur", "drivers/ur_rtde")
 SERVO_J = 11
-SPEED = 0.5  # rad/s of joint 1 when a fault comes
+SPEED = 0.5  # rad/s of joint 1 at the fault
 FAULTS = (
     "protective_stop", "emergency_stop", "slider_moved", "program_stopped", "second_client", "cable_pulled", "close", "refuse",
     "drop", "delay", "freeze", "reorder",
@@ -43,7 +43,7 @@ PRIORITY = 40
 
 @dataclass
 class _Watch:
-    """What the controller saw: its own time at every servoj command."""
+    """The controller's own time at every servoj command."""
 
     emulator: UrEmulator
     arrivals: list[float]
@@ -65,7 +65,7 @@ class _Watch:
         return watch
 
     def fault(self, name: str) -> tuple[float, float, float]:
-        """Inject, wait for standstill: host time of the fault s, time to standstill s, angle travelled rad."""
+        """Inject a fault and wait for standstill: host time of the fault, s; time to standstill, s; angle travelled, rad."""
         robot = self.emulator.robot
         begin: list[tuple[float, float]] = []
         self.emulator.inject(name)
@@ -120,9 +120,12 @@ def _pair(priority: int, last: int) -> Iterator[tuple[Connection, UrDriver]]:
 
 
 def streaming(seconds: float = 60.0, priority: int = 0) -> list[dict[str, Any]]:
-    """Frames kept of those sent (by their time stamps, one a period), and commands that came more than a period late, over `seconds` of motion at 500 Hz."""
+    """Frames kept of those sent, and commands more than a period late, over `seconds` of motion at 500 Hz.
+
+    Frames sent are counted by their time stamps, one per period.
+    """
     rt = f"FIFO {priority}" if priority else "no priority"
-    # priority before connecting: the thread that receives has it from the one that starts it, as in `calib record`
+    # priority before connecting: the receiving thread inherits it from the thread that starts it, as in `calib record`
     with _pair(priority, 60) as (talk, driver), _priority() if priority else contextlib.nullcontext():
         driver.connect()
         q0 = driver.read().q
@@ -146,14 +149,14 @@ def streaming(seconds: float = 60.0, priority: int = 0) -> list[dict[str, Any]]:
 
 
 def reactions(repeats: int = 50, faults: Sequence[str] = FAULTS) -> list[dict[str, Any]]:
-    """From each fault at 0.5 rad/s: time until the driver says so, time and angle until the arm stands; median and worst."""
+    """From each fault at 0.5 rad/s: time until the driver reports it, time and angle until standstill; median and worst."""
     rows = []
     for fault in faults:
         with _pair(0, 100 + FAULTS.index(fault)) as (talk, driver), _priority():
             tried, counted = 0, []
             while len(counted) < repeats and tried < 3 * repeats:
                 tried += 1
-                # a motion that a busy computer ended before its fault says nothing of the fault
+                # skip a motion that a busy computer ended before its fault
                 with contextlib.suppress(_TooEarly):
                     counted.append(_reaction(talk, driver, fault))
             found = np.array(counted)
@@ -173,7 +176,7 @@ class _TooEarly(Exception):
 
 @contextlib.contextmanager
 def _priority() -> Iterator[None]:
-    """What `calib record` asks for too: no garbage collection, real-time priority where it is granted."""
+    """Same settings as `calib record`: no garbage collection, and real-time priority if it is granted."""
     gc.collect()
     gc.freeze()
     gc.disable()
@@ -187,7 +190,7 @@ def _priority() -> Iterator[None]:
 
 
 def _reaction(talk: Connection, driver: UrDriver, fault: str) -> tuple[float, float, float]:
-    """One fault in constant motion; leaves a new controller behind. s to notice, s and rad to standstill."""
+    """One fault in constant motion: s until it is noticed, s and rad until standstill. Leaves a new controller behind."""
     zero = np.zeros(6)
     driver.connect()
     q = driver.read().q.copy()

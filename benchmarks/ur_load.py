@@ -1,9 +1,9 @@
-"""A UR on a busy computer: a long recording, and whether each fault is named by its own name; everything as an operator does it.
+"""A UR on a busy computer, used as an operator does: a long recording, and whether each fault is named correctly.
 
-`calib record` runs as a command of its own, with its control and its monitor process, beside BUSY processes that never wait, from the moment
-that it takes control. One robot at a time: two and their controllers take both cores with real-time priority. A run goes on where the last
-one ended (build/ur_load.jsonl), for `minutes` at a time: `make ur-load`. A recording begins only where it fits into what is left of them,
-so the longest needs a run of twelve. The controller is emulated, and has to share the computer too.
+`calib record` runs as a command with its control and monitor processes. From the moment it takes control, BUSY processes that
+never wait run beside it. One robot at a time: two with their controllers occupy both cores at real-time priority. A run
+continues where the last one stopped (build/ur_load.jsonl), for `minutes` at a time: `make ur-load`. A recording begins only if
+it fits into the remaining time, so the longest needs a run of twelve minutes. The emulated controller shares the computer too.
 """
 
 from __future__ import annotations
@@ -38,23 +38,24 @@ from sim.trajectory import Trajectory
 
 BUSY = 2
 PRIORITY = 50
-# fault of the emulator -> what its sentence must hold; two causes look alike where the wire shows the same
+# emulator fault -> pattern that its message must match, with alternatives where the wire shows the same for two causes
 NAMES = {
     "protective_stop": "protective stop", "emergency_stop": "emergency stop", "slider_moved": "speed slider|scales the speed",
     "program_stopped": "control program is (stopped|stopping)", "second_client": "control program is|program .* plays",
     "cable_pulled": "no new reading", "close": "closed|no new reading|connection", "freeze": "stands still|no new reading",
     "reduced_mode": "reduced mode",
 }  # fmt: skip
-MOTION = 6.0  # s; a fault comes at about 2 s, while the arm is fast
-WAIT = 240.0  # s for all that comes before and after a motion
+MOTION = 6.0  # s; a fault comes at about 2 s, while the arm moves fast
+WAIT = 240.0  # s, for everything before and after a motion
 MEASURES = ("benchmarks.ur_load", "drivers/ur_rtde", *commands("record"))
 OPTIONS: dict[str, object] = {"serial": "20230000000", "frame_timeout": 0.1, "watchdog": 4.0}
 SERVO: dict[str, object] = {"lookahead": 0.03, "gain": 1200.0}
 AHEAD: dict[str, object] = SERVO | {"ahead": 0.05}
-# name, s, options of the driver: the longest, which only a slice of its own has time for, then streamed and sent ahead through the same servoj
+# name, s, driver options: the longest, which needs a slice of its own, then streamed and sent ahead with the same servoj
+# settings
 RECORDINGS = (("sent ahead", 600.0, AHEAD), ("streamed", 60.0, SERVO), ("sent ahead", 60.0, AHEAD))
 Wanted = tuple[str, float, str | None, dict[str, object]]
-DELAYS = np.arange(0.0, 0.2, 0.002)  # s by which the arm may follow its commands
+DELAYS = np.arange(0.0, 0.2, 0.002)  # s, delays tried between commands and arm
 LIMITS: dict[str, object] = {"latency": 0.1, "following_error": 0.025}
 
 
@@ -71,7 +72,7 @@ def busy() -> Iterator[None]:
 
 
 def motion(home: np.ndarray, seconds: float) -> Trajectory:
-    """Sines about home below a window sin^4, which is at rest at both ends with its acceleration too."""
+    """Sines about home under a sin^4 window, whose velocity and acceleration are zero at both ends."""
     t = np.linspace(0, seconds, round(100 * seconds) + 1)[:, None]
     p, w, size = np.pi / seconds, 2 * np.pi / 5.0, np.array([0.2, 0.1, 0.15, 0.2, 0.2, 0.2])
     s, c = np.sin(p * t), np.cos(p * t)
@@ -81,7 +82,7 @@ def motion(home: np.ndarray, seconds: float) -> Trajectory:
 
 
 def controlled(path: str, fault: str | None, talk: Connection) -> None:
-    """The controller in a process of its own, which goes before all others: a real one has its own computer."""
+    """Run the controller in its own process, ahead of all others in priority: a real one has its own computer."""
     with contextlib.suppress(PermissionError):
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
     cell = load_cell(path)
@@ -104,7 +105,7 @@ def controlled(path: str, fault: str | None, talk: Connection) -> None:
 
 
 def loaded(line: list[str], folder: Path, longest: float, talk: Connection) -> tuple[int, str]:
-    """Exit code and words of a command, with BUSY processes beside it from the message that control is taken on."""
+    """Exit code and output of a command; from the message that control is taken, BUSY processes run beside it."""
     with contextlib.ExitStack() as load, (folder / "words").open("w+b") as words:
         command = subprocess.Popen(line, stdout=words, stderr=subprocess.STDOUT, cwd=folder)
         end = time.monotonic() + longest
@@ -120,7 +121,7 @@ def loaded(line: list[str], folder: Path, longest: float, talk: Connection) -> t
 
 
 def off_the_plan(t: np.ndarray, q: np.ndarray, planned: Trajectory) -> tuple[float, float, float]:
-    """Delay s of the measured motion, and what differs from the plan delayed by it, root mean square and largest over joints, mrad."""
+    """Delay, s, of the measured motion, and its deviation from the plan with that delay: RMS and largest over joints, mrad."""
     best = (np.inf, 0.0, 0.0)
     for delay in DELAYS:
         there = np.stack([np.interp(t - t[0] - delay, planned.t, x) for x in planned.q.T], axis=1)
@@ -132,7 +133,7 @@ def off_the_plan(t: np.ndarray, q: np.ndarray, planned: Trajectory) -> tuple[flo
 def recorded(
     folder: Path, last: int, seconds: float, fault: str | None, options: dict[str, object] | None = None
 ) -> dict[str, Any]:
-    """One `calib record` of a motion of `seconds`; the fault comes a second after the arm has begun to move."""
+    """One `calib record` of a motion of `seconds`; the fault comes one second after the arm begins to move."""
     path = ur_cell(folder / "busy.toml", f"127.0.0.{last}", options=OPTIONS | (options or {}), motion=LIMITS)
     cell = load_cell(path)
     arm = load_arm_of(cell)
@@ -148,12 +149,12 @@ def recorded(
     finally:
         talk.send("end")
         while not isinstance(injected := talk.recv(), bool):
-            pass  # that control was taken, in the moment that the command ended
+            pass  # the message that control was taken, sent as the command ended
         controller.join()
     words = " ".join(printed.split())
     out: dict[str, Any] = {"exit": code, "injected": injected, "load": os.getloadavg()[0]}
     if fault:
-        out["named"] = bool(re.search(NAMES[fault], words.rpartition("calib: ")[2]))  # of the sentence that it ended with
+        out["named"] = bool(re.search(NAMES[fault], words.rpartition("calib: ")[2]))  # in the final message
     if not (fault and out["named"]):
         out["said"] = words[-400:]
     logs = sorted((folder / "logs").glob("**/*.mcap"))
@@ -178,7 +179,7 @@ def in_a_folder(last: int, seconds: float, fault: str | None, options: dict[str,
 
 
 def run(minutes: float = 12.0, repeats: int = 50) -> list[dict[str, Any]]:
-    """A slice, then the rows of all that was found so far: what, value, unit, bar, note."""
+    """Measure for `minutes`; return rows (what, value, unit, bar, note) over everything found so far."""
     end = time.monotonic() + 60 * minutes
     kept = Kept(FOLDER / "ur_load.jsonl", " ".join(digest(path) for path in MEASURES))
 

@@ -1,4 +1,4 @@
-"""Watching an arm at work: how soon and how well a load is known, what a quiet half hour brings, wear, real recordings, cost."""
+"""Watching an arm at work: detection and estimate of a load, false reports in a quiet shift, wear, real recordings, cost."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from sim.joint_state import JointState
 
 
 def cost(name: str, passes: int = 5) -> list[dict[str, Any]]:
-    """What a cycle costs by itself: the same shift watched several times, of each cycle the least, which is free of what else runs."""
+    """CPU time of a cycle alone: the same shift watched several times; the minimum per cycle excludes what else runs."""
     arm = load_arm(name)
     rehearse(arm, arm.sensors.rate)
     readings = list(states(arm, work(arm, 30.0, 100), 100))
@@ -41,7 +41,7 @@ def cost(name: str, passes: int = 5) -> list[dict[str, Any]]:
 
 
 def quiet(name: str, minutes: float, rate: float | None = None, seed: int = 7) -> list[dict[str, Any]]:
-    """A shift in which all friction falls by 30 % as the joints warm: nothing must be reported."""
+    """A shift in which all friction falls by 30 % as the joints warm up: nothing may be reported."""
     arm = at_rate(load_arm(name), rate)
     warming = [(t, warmed(arm, 1 - 0.3 * -np.expm1(-t / 600.0))) for t in np.arange(5.0, 60 * minutes, 5.0)]
     watcher = Watcher(arm, arm.sensors.rate)
@@ -68,7 +68,7 @@ def warmed(arm: Arm, share: float) -> Arm:
 def wear(
     name: str, minutes: float, rate: float | None = None, joint: str = "elbow_joint", seed: int = 8
 ) -> list[dict[str, Any]]:
-    """Viscous friction of one joint grows to 1.5 times what it was."""
+    """Viscous friction of one joint grows to 1.5 times its initial value."""
     arm = at_rate(load_arm(name), rate)
     own = arm.effect("viscous_friction", joint)
     assert own is not None
@@ -97,7 +97,7 @@ def wear(
 
 
 def wire(repeats: int, address: str = "127.0.0.31") -> list[dict[str, Any]]:
-    """The emulated UR over the wire: its robot works and takes up 3 kg, the driver only listens."""
+    """The emulated UR over the wire: its robot works and picks up 3 kg while the driver only listens."""
     from drivers.ur_rtde.driver import UrDriver
     from drivers.ur_rtde.options import UrOptions
     from sim.emulated.ur.emulator import UrEmulator
@@ -144,7 +144,7 @@ def wire(repeats: int, address: str = "127.0.0.31") -> list[dict[str, Any]]:
 
 
 class _Played:
-    """What the emulated robot's program does: the motion of a shift, and the load at its sample; `came` is the controller's time of that."""
+    """The emulated robot's program: the motion of a shift, with the load at its sample; `came` is when, by its clock."""
 
     def __init__(self, robot: Any, plant: Any, motion: tuple[np.ndarray, np.ndarray], start: float, heavy: Arm) -> None:
         self._robot, self._plant, self._motion, self._heavy = robot, plant, motion, heavy
@@ -161,7 +161,7 @@ class _Played:
 
 
 def parts(repeats: int, minutes: float, data: str | None) -> dict[str, Callable[[], list[dict[str, Any]]]]:
-    """Everything that is measured here, by name: `python -m benchmarks.watch NAME...` runs one or several of them."""
+    """All measurements by name: `python -m benchmarks.watch NAME...` runs one or several of them."""
     out: dict[str, Callable[[], list[dict[str, Any]]]] = {}
     for name in LOADS:
         out[f"attach-{name}"] = lambda name=name: attachments(name, repeats)  # type: ignore[misc]
@@ -179,7 +179,10 @@ def run(
     minutes: float = float(os.environ.get("WATCH_MINUTES", "3")),
     names: Sequence[str] = (),
 ) -> list[dict[str, Any]]:
-    """So many shifts, and so many minutes of each; the figures of docs/figures.md say with how many they were made."""
+    """Figures of the given parts, or of all.
+
+    repeats: shifts with an attached load. minutes: length of the quiet shift; the wear shift has two thirds of it.
+    """
     all_ = parts(repeats, minutes, os.environ.get("ARM_CALIB_DATA"))
     return [r for name in names or all_ for r in all_[name]()]
 

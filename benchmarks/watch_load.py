@@ -1,4 +1,4 @@
-"""How soon and how closely a watcher knows what was attached to the flange, against the plant."""
+"""Speed and accuracy with which a watcher identifies what was attached to the flange, against the plant."""
 
 from __future__ import annotations
 
@@ -32,9 +32,10 @@ def row(what: str, value: Any, unit: str = "", bar: str = "", note: str = "") ->
 
 @dataclass
 class Attached:
-    """One load attached in motion: s to detection, relative error of the mass after 0.5 s of motion, m of the centre after 2 s of wrists.
+    """One load attached in motion: time to detection and to its name, s, errors of mass and centre, and other events.
 
-    bound: the likelihood ratio that 0.1 s of readings hold, and the standard deviations of mass and centre that nobody undercuts.
+    mass: relative error after 0.5 s of motion; com: error of the centre, m, after 2 s of wrist motion. bound: likelihood ratio
+    contained in 0.1 s of readings, and the Cramer-Rao std of mass and centre.
     """
 
     detected: float = np.nan
@@ -49,7 +50,7 @@ class Attached:
 
 
 def attach(arm: Arm, load: dict[str, float], seed: int) -> Attached:
-    """Attach a load to the arm in motion, about 22 s into a shift."""
+    """Attach a load to the moving arm about 22 s into a shift."""
     motion = work(arm, ATTACHED + 12, seed)
     start = moving_at(arm, motion, ATTACHED)
     heavy = with_effect(arm, ArmEffect("payload", None, load))
@@ -64,7 +65,7 @@ def attach(arm: Arm, load: dict[str, float], seed: int) -> Attached:
 
 
 def followed(arm: Arm, readings: Iterable[JointState], came: Callable[[], float], load: dict[str, float]) -> Attached:
-    """What a watcher reports of a load; `came` is when it came, infinity before."""
+    """A watcher's reports of a load. `came` returns the time of its attachment, infinity before."""
     watcher, out, moved, wrists, since = Watcher(arm, arm.sensors.rate), Attached(), 0.0, 0.0, 0
     com = np.array([load["com_x"], load["com_y"], load["com_z"]])
     period = 1 / arm.sensors.rate
@@ -94,12 +95,12 @@ def followed(arm: Arm, readings: Iterable[JointState], came: Callable[[], float]
 
 
 def attachments(name: str, repeats: int) -> list[dict[str, Any]]:
-    """The figures of an attached load over many shifts."""
+    """Figures of an attached load over many shifts."""
     arm, load = load_arm(name), LOADS[name]
     rehearse(arm, arm.sensors.rate)
     found = [attach(arm, load, 100 + seed) for seed in range(repeats)]
     detected, mass, com = (np.array([getattr(f, x) for f in found]) for x in ("detected", "mass", "com"))
-    # readings come every few ms: one at exactly a tenth of a second is within it, whatever its last binary digit
+    # readings come every few ms: one at exactly 0.1 s counts as within, whatever its rounding
     within = [np.mean(detected <= 0.1 + 1e-6), np.mean(mass <= 0.05), np.mean(com <= 0.01)]
     what = f"mock {name}, {load['mass']:g} kg attached in motion, {repeats} shifts"
     costs = 1e6 * np.concatenate([f.costs for f in found])

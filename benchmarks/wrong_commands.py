@@ -1,8 +1,8 @@
-"""The corpus of wrong recordings as files, through the commands: none may take one for good, and each should name its cause first.
+"""Wrong recordings as files through the commands: none may be accepted, and each refusal should name its cause first.
 
-A run goes on where the last one ended (build/wrong_commands.jsonl), for `minutes` at a time: `make wrong`. A gripper's column is left
-out by whoever reads a log for an arm, so it is no wrong recording here; the same recording twice is none for a command that
-takes one, nor for a fleet, which counts a copy once (tests/calib/fleet/test_fleet.py).
+A run continues where the last one stopped (build/wrong_commands.jsonl), for `minutes` at a time: `make wrong`. A gripper's
+column is dropped when a log is read for an arm, so it is no wrong recording here. The same recording given twice does not apply
+to a command that takes one, nor to a fleet, which counts a copy once (tests/calib/fleet/test_fleet.py).
 """
 
 from __future__ import annotations
@@ -33,11 +33,11 @@ from logs.convert import write_log
 
 COMMANDS = ("identify", "validate", "diagnose", "watch", "import", "fleet")
 ONE_LOG = ("watch", "import")
-NO_COPY = ("identify", "validate", "diagnose")  # that the same recording twice is given to
+NO_COPY = ("identify", "validate", "diagnose")  # commands that get the same recording twice
 MEASURES = ("benchmarks.wrong_commands", *commands("identify", "validate", "diagnose", "watch", "import_", "fleet"))
-AT_ONCE, IN_A_CHILD = 25, 10  # cases of a fleet, and of any other command one after the other
-LONGEST = 600.0  # s that one call may take
-FAULT = -1  # code of a call whose process ended with a fault, or not at all
+AT_ONCE, IN_A_CHILD = 25, 10  # cases per fleet; cases in turn per child for any other command
+LONGEST = 600.0  # s, time limit of one child
+FAULT = -1  # code of a call whose process crashed or did not end
 
 
 def through(command: str, case: Case, folder: Path) -> tuple[int, str]:
@@ -55,7 +55,7 @@ def through(command: str, case: Case, folder: Path) -> tuple[int, str]:
 
 
 def fleet(some: Sequence[Case], folder: Path) -> list[tuple[int, str]]:
-    """The same for a fleet of which every case is an arm: 2 where the arm's recordings cannot be used."""
+    """The same for a fleet with every case as one arm; 2 if the arm's recordings cannot be used."""
     for number, case in enumerate(some):
         for k, log in enumerate(case.logs):
             place = folder / "plant" / f"{number}-{k}.mcap"
@@ -76,14 +76,14 @@ def _called(words: Sequence[str]) -> tuple[int, str]:
 
 
 def _cause(printed: str) -> str:
-    """The likeliest cause with the options that undo it, without the others."""
+    """The likeliest cause with the options that undo it, without the other causes."""
     at = printed.find(LIKELIEST)
     remedy = printed[at:].partition(CONVERT)
     return printed[at:].split(OTHERS)[0] + remedy[1] + remedy[2] if at >= 0 else f"no cause: {printed[-300:]}"
 
 
 def run(minutes: float = 10.0, count: int = COUNT, commands: Sequence[str] = COMMANDS) -> list[dict[str, Any]]:
-    """A slice of the corpus through every command, then the rows of all that was tried so far: what, value, unit, bar, note."""
+    """Try cases for `minutes`; return rows (what, value, unit, bar, note) over all tried so far."""
     kept, end = (
         Kept(FOLDER / "wrong_commands.jsonl", " ".join(digest(path) for path in MEASURES)),
         time.monotonic() + 60 * minutes,
@@ -96,9 +96,9 @@ def run(minutes: float = 10.0, count: int = COUNT, commands: Sequence[str] = COM
         for some in _batches(c, [k for k in mine[c] if f"{c} {k}" not in kept.found])
     }
     warm(sim, logs, drivers, safety, calib)
-    for command in commands:  # what a command loads when it is first called is then there for every child
+    for command in commands:  # load here what a command loads on its first call, so that no child has to
         tried(command, everything[:1])
-    # all commands make progress in a slice, not the first one alone
+    # all commands progress in a slice, not only the first
     order = sorted(todo, key=lambda key: (int(key.split()[1]), key))
     jobs = ((key, partial(tried, todo[key][0], [everything[k] for k in todo[key][1]])) for key in order)
     for done in forked(jobs, LONGEST, end):
@@ -113,7 +113,7 @@ def run(minutes: float = 10.0, count: int = COUNT, commands: Sequence[str] = COM
 
 
 def tried(command: str, some: Sequence[Case]) -> list[tuple[int, str]]:
-    """Exit code and cause of each of the cases, of which only a fleet takes several."""
+    """Exit code and cause of each case. Only a fleet takes several cases at once."""
     if command == "fleet":
         with tempfile.TemporaryDirectory(prefix="calib-") as folder:
             return fleet(some, Path(folder))

@@ -1,4 +1,4 @@
-"""Recordings that are wrong in a known way: every corruption at every joint, and in combinations; all from seeds."""
+"""Recordings that are wrong in a known way: every corruption at every joint, and combinations; all from seeds."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ GEAR = 101.0
 
 @dataclass(frozen=True)
 class Case:
-    """arm that is named, logs, the words of what was done to them, and words that name a cause rightly."""
+    """A wrong recording: the stated arm, its logs, names of the corruptions (`done`), and words that identify a right cause."""
 
     name: str
     arm: Arm
@@ -43,7 +43,7 @@ def arm(name: str) -> Arm:
 
 @cache
 def base(name: str) -> tuple[Arm, Log]:
-    """A good recording: the samples, and by formula an arm that differs from its model, with friction, offsets and coloured noise."""
+    """A good recording: a sample, or by formula an arm that differs from its model, with friction, offsets and AR(1) noise."""
     if name == "servo6 sample":
         return arm("servo6"), read_log(SAMPLES / "servo6_excitation.mcap")
     if name == "ur10e sample":
@@ -54,7 +54,7 @@ def base(name: str) -> tuple[Arm, Log]:
 
 
 def within(of: Arm, motion: Trajectory) -> Trajectory:
-    """The motion about its own middle, made smaller where it leaves a joint's range."""
+    """The motion about its own middle (at most 1.6 rad from zero), scaled down where it leaves a joint's range."""
     middle = np.clip(0.5 * (motion.q.min(axis=0) + motion.q.max(axis=0)), -1.6, 1.6)
     most = np.maximum(np.abs(motion.q - motion.q.mean(axis=0)).max(axis=0), 1e-6)
     by = np.minimum(1.0, 0.9 * (np.minimum(of.q_max, -of.q_min) - np.abs(middle)) / most)
@@ -83,7 +83,7 @@ Change = Callable[[Log, Arm, np.random.Generator], tuple[Log, frozenset[str]]]
 
 
 def _as_current(log: Log, of: Arm, rng: np.random.Generator) -> tuple[Log, frozenset[str]]:
-    """What the drive reports as effort is the current."""
+    """The effort that the drive reports is the current."""
     constant = of.torque_constant if of.torque_constant is not None else rng.uniform(6, 14) * np.ones(of.n)
     current = log.current if np.isfinite(log.current).any() else log.tau / constant
     words = {"tau=current"} if of.torque_constant is not None else {"scale:tau"}
@@ -106,7 +106,7 @@ def _shifted(log: Log, of: Arm, rng: np.random.Generator) -> tuple[Log, frozense
 
 
 def _without_gravity(log: Log, of: Arm, rng: np.random.Generator) -> tuple[Log, frozenset[str]]:
-    """As a controller reports it that takes off what its own model has for gravity."""
+    """As reported by a controller that subtracts its own model of gravity."""
     off = RigidBody(of).gravity_torque(log.q)
     constant = np.ones(of.n) if of.torque_constant is None else of.torque_constant
     return replace(log, tau=log.tau - off, current=log.current - off / constant), frozenset({"leaves out gravity"})
@@ -146,7 +146,7 @@ def changes(of: Arm) -> dict[str, Change]:
             "position at the motor": (("q",), GEAR, {f"scale:q:{joint}"}),
         }
         for what, (arrays, factor, words) in one.items():
-            if j == of.n - 1:  # nothing moves with the last joint: turned round as a whole it is the same joint
+            if j == of.n - 1:  # nothing hangs on the last joint: reversed as a whole it is the same joint
                 words = (
                     words | {w.replace(":motion:", ":tau:") for w in words} | {w.replace(":tau:", ":motion:") for w in words}
                 )
@@ -164,7 +164,7 @@ def changes(of: Arm) -> dict[str, Change]:
 
 
 def cases(count: int = COUNT, seed: int = 0) -> list[Case]:
-    """`count` wrong recordings: other arms and mountings, the same log twice, single corruptions, then combinations of two and three."""
+    """`count` wrong recordings: other arms and mountings, repeated logs, grippers, one corruption, two or three."""
     rng = np.random.default_rng(seed)
     singles = [(name, (what,)) for name in BASES for what in _of(name)]
     order = rng.permutation(len(singles))
@@ -180,7 +180,7 @@ def cases(count: int = COUNT, seed: int = 0) -> list[Case]:
         name = str(rng.choice(BASES))
         known = _of(name)
         chosen = tuple(known[k] for k in rng.choice(len(known), int(rng.integers(2, 4)), replace=False))
-        # of two exchanges that share a joint nobody can say which came first, and two reversals of one joint are none
+        # the order of two exchanges that share a joint cannot be determined, and two reversals of one joint cancel
         touched = [joint for what in chosen for joint in what.partition(", ")[2].split(",") if joint]
         if len(set(touched)) < len(touched) or len({what.partition(",")[0] for what in chosen}) < len(chosen):
             continue
@@ -189,7 +189,7 @@ def cases(count: int = COUNT, seed: int = 0) -> list[Case]:
 
 
 def _of(name: str) -> list[str]:
-    """What is done to a recording: in six or eight seconds, as the samples have, a load, a tilt and a pull explain another zero or no gravity as well."""
+    """Corruptions of a recording, without zeros and gravity for the samples: 6 to 8 s fit a load, a tilt and a pull as well."""
     return [what for what in changes(base(name)[0]) if "sample" not in name or not what.startswith(("zero", "gravity"))]
 
 
@@ -241,7 +241,7 @@ def family() -> list[Arm]:
 
 
 def named_first(case: Case, found: Gate) -> bool:
-    """Whether the first cause is one of those that were put in."""
+    """Whether the first cause is one of those put in."""
     if not found.causes:
         return False
     first = found.causes[0]

@@ -1,4 +1,5 @@
-"""Blind cases: arms on which something was hidden by a plant that shares no physics with the product, and the score of `calib diagnose`.
+"""Blind cases for `calib diagnose` and their score: a plant that shares no physics with the product hides something in an arm.
 
-Nothing here imports `sim.plant`, `sim.effects` or `sim.prediction`: the truth must not be made by the code that has to find it.
+No recording is made with `sim.plant`, `sim.effects` or `sim.prediction`: the truth must not come from the code that has to find
+it. Only `true_model`, which writes the true arm for the comparison after an answer, uses the catalogue.
 """

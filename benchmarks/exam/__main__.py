@@ -1,12 +1,12 @@
 """Make cases, or sit the exam.
 
     python -m benchmarks.exam generate --count 40 --seed 7 --out build/cases     cases and truths, in the layout of practice cases
-    python -m benchmarks.exam run --count 300 --seed 1 --out build/exam          make what is missing, ask, score, print
-    python -m benchmarks.exam run --kinds clean --arms servo6 ...                a part
+    python -m benchmarks.exam run --count 300 --seed 1 --out build/exam          make missing cases, ask, score, print
+    python -m benchmarks.exam run --kinds clean --arms servo6 ...                only a part
     ARM_CALIB_DATA=... python -m benchmarks.exam real --count 27                 effects injected into real recordings
 
-Every case is a pure function of the seed and its number; a longer exam begins with the shorter one of the same seed. `run` exits
-with 0 whatever the score: it is a measurement.
+Every case depends only on the seed and its number; a longer exam begins with the shorter one of the same seed. `run` exits with
+0 whatever the score: it is a measurement.
 """
 
 from __future__ import annotations

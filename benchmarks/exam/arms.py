@@ -1,6 +1,6 @@
-"""The arms of the exam: bare model files as an operator has them, and what their drives and sensors are like.
+"""The arms of the exam: bare model files as an operator has them, and the properties of their drives and sensors.
 
-The model files are written from the shipped arms without their collision shapes; limits of torque stand in the actuators.
+The model files are written from the shipped arms without collision shapes. Torque limits are in the actuators.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ from sim.mjcf import full_inertia, numbers, quaternion
 
 @dataclass(frozen=True)
 class Hardware:
-    """What a data sheet would say of an arm's drives and sensors, arrays (6,).
+    """Data sheet of an arm's drives and sensors, arrays (6,).
 
-    log_rate Hz of the recording; resolution rad of a position reading; torque_noise N m, standard deviation of one torque reading;
-    speed_noise rad/s; control_period s; bandwidth rad/s of the position loop; speed: factor on the speeds of the motions;
-    heating: K that a joint warms in steady motion, over heat_time s.
+    log_rate: Hz of the recording; resolution: rad of a position reading; torque_noise: N m, std of one torque reading;
+    speed_noise: rad/s; control_period: s; bandwidth: rad/s of the position loop; speed: factor on the speeds of the motions;
+    heating: K that a joint warms up in steady motion, over heat_time s.
     """
 
     log_rate: float
@@ -36,7 +36,7 @@ class Hardware:
 
 
 HARDWARE = {
-    # torque noise of the UR arms: about 6 % of the dry friction, the order of the ripple in the currents that users publish
+    # torque noise of the UR arms: about 6 % of the dry friction, similar to the ripple in published currents
     "ur10e": Hardware(125.0, 6e-6, np.array([1.2, 1.2, 0.55, 0.17, 0.17, 0.16]), 4e-3, 0.002, 45.0, 1.0, 30.0, 90.0),
     "ur5e": Hardware(250.0, 6e-6, np.array([0.65, 0.65, 0.6, 0.10, 0.10, 0.09]), 4e-3, 0.002, 55.0, 1.1, 30.0, 80.0),
     "servo6": Hardware(200.0, 9.6e-5, np.array([0.15, 0.15, 0.14, 0.046, 0.045, 0.042]), 6e-3, 0.002, 60.0, 1.1, 32.0, 60.0),
@@ -45,7 +45,7 @@ HARDWARE = {
 
 @cache
 def model_text(name: str) -> str:
-    """MJCF of a shipped arm with nothing in it but bodies, joints and motors."""
+    """MJCF of a shipped arm with only bodies, joints and motors."""
     arm = load_arm(name)
     tree = arm.tree
     lines = [

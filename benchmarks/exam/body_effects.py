@@ -1,4 +1,4 @@
-"""Masses and forces as nature might have them: no form here is the catalogue's own."""
+"""Masses and forces of the true arm, mostly in other forms than the catalogue's."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def payload(arm: TrueArm, j: int, dose: float, form: int, rng: np.random.Generat
 
 
 def link(arm: TrueArm, j: int, dose: float, form: int, rng: np.random.Generator) -> Answer:
-    """Another mass, and a centre of mass elsewhere; the moments do not follow the mass."""
+    """A different mass and centre of mass; the moments of inertia do not follow the mass."""
     rotation, position, axis, mass, com, inertia = arm.chain
     mass, com = mass.copy(), com.copy()
     sign = rng.choice([-1.0, 1.0])
@@ -40,23 +40,23 @@ def link(arm: TrueArm, j: int, dose: float, form: int, rng: np.random.Generator)
 
 
 def tilt(arm: TrueArm, j: int, dose: float, form: int, rng: np.random.Generator) -> Answer:
-    """The base stands askew."""
+    """A tilted base."""
     roll, pitch = dose * direction(rng, 2)
     cr, sr, cp, sp = np.cos(roll), np.sin(roll), np.cos(pitch), np.sin(pitch)
-    # the third row of R(roll, pitch): the world's vertical in the base frame
+    # third row of R(roll, pitch): the world's vertical in the base frame
     arm.gravity = -9.81 * np.array([-sp, cp * sr, cp * cr])
     return {"roll": float(roll), "pitch": float(pitch)}
 
 
 def pull(arm: TrueArm, j: int, dose: float, form: int, rng: np.random.Generator) -> Answer:
-    """A pull that sways by a few per cent."""
+    """A force whose magnitude varies by a few per cent."""
     force = dose * direction(rng, 3)
     arm.force["pull"][0], arm.force["sway"] = force, 0.04 * (1 + form)
     return dict(zip(("force_x", "force_y", "force_z"), map(float, force), strict=True))
 
 
 def contact(arm: TrueArm, j: int, dose: float, form: int, rng: np.random.Generator) -> Answer:
-    """A half sine, a trapezoid or a triangle; in the excitation only (`cases` takes it out of the other motions)."""
+    """A half sine, a trapezoid or a triangle; in the excitation only (`cases` removes it from the other motions)."""
     force, start, duration = dose * direction(rng, 3), rng.uniform(5.0, 25.0), rng.uniform(0.6, 2.0)
     arm.force["touch"][0], arm.force["start"], arm.force["duration"] = force, start, duration
     arm.force["shape"] = rng.choice([records.TRAPEZOID, records.TRIANGLE]) if form else records.HALF_SINE

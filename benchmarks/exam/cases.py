@@ -1,4 +1,4 @@
-"""The list of cases and one case's making: a pure function of the exam's seed and the case's number."""
+"""List of the cases, and how one is made: a pure function of the exam's seed and the case's number."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from benchmarks.exam.true_arm import AMBIENT, TrueArm, build, feed_forward, run
 from benchmarks.exam.true_model import write_true
 from benchmarks.exam.unknowns import UNKNOWNS
 
-# what fifty cases in a row hold, in an order that keeps any shorter exam balanced
+# kinds of fifty cases in a row, in an order that keeps any shorter exam balanced
 _ROUND = "csscpscusscsscpscstscsucspsccsscsucspcsscspcuscsspc"
 KINDS = {"c": "clean", "s": "single", "p": "pair", "t": "triple", "u": "unknown"}
 ARMS = tuple(HARDWARE)
-# pairs that look alike: half of all pairs are drawn from here, on one joint where both are joint effects
+# pairs that look alike: half of all pairs are drawn from here, on one joint if both are joint effects
 CONFUSABLE = (
     ("coulomb_friction", "load_dependent_friction"), ("viscous_friction", "nonlinear_viscous_friction"),
     ("stribeck_friction", "presliding_friction"), ("torque_gain", "link_inertia"), ("torque_offset", "asymmetric_friction"),
@@ -37,7 +37,7 @@ BY_NAME = {e.name: e for e in EFFECTS}
 
 @dataclass(frozen=True)
 class Case:
-    """What is to be made: number, arm, kind, severity, whether it is one of the harder third, and the seed of its draws."""
+    """Definition of a case: number, kind, arm, severity, whether it is of the harder third, seed of its draws, effects."""
 
     number: int
     kind: str
@@ -69,7 +69,7 @@ def listed(count: int, seed: int) -> list[Case]:
 
 
 def _chosen(kind: str, rank: int, seed: int, rng: np.random.Generator) -> tuple[tuple[str, int], ...]:
-    """(effect, joint index) of what is hidden; joint -1 for the whole arm. Singles and unknowns go round their lists in turn."""
+    """Hidden effects, (effect, joint index), joint -1 for the whole arm. Singles and unknowns cycle through their lists."""
     if kind == "clean":
         return ()
     if kind in ("single", "unknown"):
@@ -92,7 +92,10 @@ def _joint(effect: Hidden, rng: np.random.Generator) -> int:
 
 
 def make(case: Case, folder: Path) -> None:
-    """Write arm.xml, friction.mcap, excitation.mcap, validation.mcap, final.mcap, the true arm and, last, truth.json into `folder`."""
+    """Write the case into `folder`: arm.xml, four recordings, the true arm and, last, truth.json.
+
+    The recordings are friction.mcap, excitation.mcap, validation.mcap and final.mcap.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     rng = np.random.default_rng(case.seed)
     hardware = HARDWARE[case.arm]
@@ -133,7 +136,7 @@ def _plan(rng: np.random.Generator, home: np.ndarray, speed: float, period: floa
 
 
 def _hide(case: Case, arm: TrueArm, plan: dict[str, motions.Reference], rng: np.random.Generator) -> list[dict]:
-    """Dose every chosen effect on the arm without any, then put them all in."""
+    """Dose every chosen effect on the arm without any, then put all of them in."""
     pool = {e.name: e for e in (UNKNOWNS if case.kind == "unknown" else EFFECTS)}
     if not case.chosen:
         return []
@@ -141,14 +144,14 @@ def _hide(case: Case, arm: TrueArm, plan: dict[str, motions.Reference], rng: np.
     for name, j in case.chosen:
         effect, form = pool[name], int(case.hard)
         spread = float(np.exp(0.2 * rng.standard_normal()))
-        # where the motions cannot show the effect at any plausible dose, it is hidden at another joint
+        # if the motions cannot show the effect at any plausible dose, hide it at another joint
         for joint in (j, *rng.permutation([k for k in effect.joints if k != j])[:2].tolist()):
             seed = int(rng.integers(2**31))
             dose, seen = balance.dose(effect, joint, case.severity, form, seed, spread)
             if seen >= LEAST * TARGET[1]:
                 break
         parameters = hide(effect, arm, joint, dose, form, seed)
-        # what was requested, or less where the arm's motions show less of it
+        # the severity requested, or less if the arm's motions show less of the effect
         fits = min(case.severity, max([s for s in (2, 3) if seen >= 0.7 * TARGET[s]], default=1))
         if case.kind == "unknown":
             name, parameters = "unknown", {"form": name}

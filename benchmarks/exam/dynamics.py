@@ -69,7 +69,7 @@ def inertia_matrix(mass, origin, z, centre, world_inertia, out):
     about = np.zeros((3, 3))
     arm, sweep, spin, moment = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     for i in range(n - 1, -1, -1):
-        # join link i to the composite: both inertias move to the common centre
+        # add link i to the composite body: both inertias move to the common centre
         joined = total + mass[i]
         if joined > 0.0:
             reduced = total * mass[i] / joined
@@ -98,7 +98,7 @@ def inertia_matrix(mass, origin, z, centre, world_inertia, out):
 
 @numba.njit(cache=True)
 def joint_torque(gravity, force, mass, origin, z, centre, world_inertia, dq, ddq, tau):
-    """tau (n,) that gives ddq at dq against gravity (3,), with `force` (3,) N acting on the last link's origin."""
+    """tau (n,) for ddq at dq under gravity (3,), with `force` (3,) N acting on the last link's origin."""
     n = len(mass)
     omega, alpha, a_origin = np.zeros(3), np.zeros(3), np.empty(3)
     f, m = np.empty((n, 3)), np.empty((n, 3))
@@ -135,7 +135,7 @@ def joint_torque(gravity, force, mass, origin, z, centre, world_inertia, dq, ddq
         _cross(omega, spin, u)
         for a in range(3):
             m[i, a] += u[a]
-    push, turn = np.zeros(3), np.zeros(3)  # force and moment about joint i's origin of everything outward
+    push, turn = np.zeros(3), np.zeros(3)  # force, and moment about joint i's origin, of everything outward
     for i in range(n - 1, -1, -1):
         if i < n - 1:
             for a in range(3):

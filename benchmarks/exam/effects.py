@@ -1,8 +1,8 @@
-"""The catalogue's effects as nature might have them, each with the joints where it is hidden and its doses.
+"""The catalogue's effects as the exam hides them, each with its joints and doses.
 
-Each effect changes a `TrueArm` by a dose and returns the answer, the catalogue's parameters at their true values. `form` 0 and 1
-are the truth's forms; 1 is farther from the textbook and is drawn for the hard cases. Doses are physical: `first` guesses one for
-an arm, `severity.py` scales it to be as visible as is requested.
+Each effect changes a `TrueArm` by a dose and returns the answer, the catalogue's parameters at their true values. `form` 0 and
+1 are forms of the truth; 1 is farther from the textbook and is drawn for hard cases. Doses are physical: `first` guesses one
+for an arm, and `severity.py` scales it to the visibility requested.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The figures of the exam: shares with Wilson's interval, medians, the confusion matrix, and effects hidden with others."""
+"""Figures of the exam: shares with Wilson's interval, medians, the confusion matrix, and effects hidden with others."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from benchmarks.exam.scoring import Row
 
 
 def wilson(right: int, total: int, z: float = 1.96) -> tuple[float, float]:
-    """95 % interval of a share (E. B. Wilson 1927, doi:10.1080/01621459.1927.10502953); (0, 1) of nothing."""
+    """95 % interval of a share (E. B. Wilson 1927, doi:10.1080/01621459.1927.10502953); (0, 1) if total is 0."""
     if total == 0:
         return 0.0, 1.0
     p, spread = right / total, z * z / total
@@ -21,7 +21,7 @@ def wilson(right: int, total: int, z: float = 1.96) -> tuple[float, float]:
 
 @dataclass(frozen=True)
 class Share:
-    """right of total."""
+    """`right` of `total`."""
 
     right: int
     total: int
@@ -35,7 +35,7 @@ class Share:
 
 @dataclass(frozen=True)
 class Figure:
-    """One line of the result: what, its value (a share, or a median; None where there is nothing to take one of), and its bar."""
+    """One row of the result: what, its value (a share or a median; None without data), and its bar."""
 
     what: str
     value: Share | float | None
@@ -127,7 +127,10 @@ def figures(rows: list[Row]) -> list[Figure]:
 
 
 def confusion(rows: list[Row]) -> tuple[list[str], list[str], dict[tuple[str, str], int]]:
-    """(truths, answers, counts) over clean, single and unknown cases by name; a right name elsewhere is `its name, wrong joint`."""
+    """(truths, answers, counts) by name over clean, single and unknown cases.
+
+    A right name at another joint counts as `its name, wrong joint`.
+    """
     counts: Counter[tuple[str, str]] = Counter()
     for r in rows:
         if len(r.truth) > 1:
@@ -143,7 +146,7 @@ def confusion(rows: list[Row]) -> tuple[list[str], list[str], dict[tuple[str, st
 
 
 def in_company(rows: list[Row]) -> dict[str, Share]:
-    """How often each effect was named, at its joint, where it was hidden with others; `wrong names beside` counts the rest."""
+    """How often each effect hidden with others was named at its joint; `wrong names beside` counts the remaining names."""
     several = [r for r in rows if len(r.truth) > 1]
     names = sorted({name for r in several for name, _ in r.truth})
     shares = {}

@@ -1,4 +1,4 @@
-"""Friction as nature might have it: no form here is the catalogue's own."""
+"""Friction of the true arm, in other forms than the catalogue's."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from benchmarks.exam.true_arm import TrueArm
 
 
 def coulomb(arm: TrueArm, j: int, dose: float, form: int, rng: np.random.Generator) -> Answer:
-    """Another level; form 1 with a wider bristle."""
+    """A different level; form 1 with a wider bristle."""
     sign = -0.6 if rng.uniform() < 0.3 else 1.0
     arm.joints["coulomb"][j] *= 1 + sign * min(dose, 1.2)
     arm.joints["width"][j] *= 1 + 1.0 * form
@@ -18,7 +18,7 @@ def coulomb(arm: TrueArm, j: int, dose: float, form: int, rng: np.random.Generat
 
 
 def viscous(arm: TrueArm, j: int, dose: float, form: int, rng: np.random.Generator) -> Answer:
-    """Another slope; form 1 a little steeper at high speed."""
+    """A different slope; form 1 a little steeper at high speed."""
     sign = -0.6 if rng.uniform() < 0.3 else 1.0
     change = arm.joints["viscous"][j] * sign * dose
     arm.joints["viscous"][j] += change * (1 - 0.15 * form)
@@ -29,14 +29,14 @@ def viscous(arm: TrueArm, j: int, dose: float, form: int, rng: np.random.Generat
 
 
 def asymmetric(arm: TrueArm, j: int, dose: float, form: int, rng: np.random.Generator) -> Answer:
-    """One direction is harder, over the bristle's build-up."""
+    """More friction in one direction, built up over the bristle's deflection; form 1 with a wider bristle."""
     arm.joints["asymmetry"][j] = rng.choice([-1.0, 1.0]) * dose
     arm.joints["width"][j] *= 1 + 1.0 * form
     return {"half_difference": float(arm.joints["asymmetry"][j])}
 
 
 def stribeck(arm: TrueArm, j: int, dose: float, form: int, rng: np.random.Generator) -> Answer:
-    """An exponent that is not two, or a hyperbola."""
+    """An exponential with an exponent other than two; form 1 a hyperbola."""
     row, velocity = arm.joints[j : j + 1], rng.uniform(0.06, 0.22)
     row["stiction"], row["stribeck_velocity"] = dose, velocity
     row["stribeck_shape"] = records.HYPERBOLIC if form else records.EXPONENTIAL
@@ -45,7 +45,7 @@ def stribeck(arm: TrueArm, j: int, dose: float, form: int, rng: np.random.Genera
 
 
 def speed_law(arm: TrueArm, j: int, dose: float, form: int, rng: np.random.Generator) -> Answer:
-    """Grease (an inverse hyperbolic sine) or a polynomial; the answer is the power law nearest to it over the speeds driven."""
+    """Grease (an inverse hyperbolic sine) or a polynomial. The answer is the power law nearest to it over the speeds driven."""
     row = arm.joints[j : j + 1]
     row["speed_torque"] = dose
     row["speed_shape"] = records.POLYNOMIAL if rng.uniform() < 0.5 else records.GREASE
@@ -61,7 +61,7 @@ def speed_law(arm: TrueArm, j: int, dose: float, form: int, rng: np.random.Gener
 
 
 def load_friction(arm: TrueArm, j: int, dose: float, form: int, rng: np.random.Generator) -> Answer:
-    """A power of the load; the coefficient is right at the load that the arm carries."""
+    """A power of the load; the coefficient is exact at 0.6 of the joint's gravity torque."""
     row = arm.joints[j : j + 1]
     row["load_share"], row["load_scale"] = dose, 0.6 * gravity(arm, j)
     row["load_power"] = rng.uniform(1.25, 1.45) if form else rng.choice([rng.uniform(0.8, 0.92), rng.uniform(1.08, 1.25)])
@@ -69,7 +69,7 @@ def load_friction(arm: TrueArm, j: int, dose: float, form: int, rng: np.random.G
 
 
 def thermal(arm: TrueArm, j: int, dose: float, form: int, rng: np.random.Generator) -> Answer:
-    """Friction follows the joint's own temperature, which follows its work through pauses and from log to log."""
+    """Friction follows the joint's own temperature, which follows its work, also during pauses and between logs."""
     row = arm.joints[j : j + 1]
     row["warm_drop"], row["warm_rise"] = dose, arm.hardware.heating * (0.35 + 0.3 * form)
     row["heat_time"] *= rng.uniform(0.6, 1.2)
@@ -77,7 +77,7 @@ def thermal(arm: TrueArm, j: int, dose: float, form: int, rng: np.random.Generat
 
 
 def presliding(arm: TrueArm, j: int, dose: float, form: int, rng: np.random.Generator) -> Answer:
-    """Bristles (form 1: that give way late) where the catalogue has a play element; dose is the width, rad."""
+    """Bristles (form 1: that yield late) where the catalogue has a play element; dose is their width, rad."""
     row = arm.joints[j : j + 1]
     row["width"], row["bristle_power"] = dose, 2.0 if form else 1.0
     row["bristle_damping"] = 0.2 * np.sqrt(row["coulomb"] / dose * row["rotor"])

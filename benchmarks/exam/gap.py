@@ -1,4 +1,4 @@
-"""The gap of an arm on a log, recomputed from the table that `calib validate` writes."""
+"""Torque gap of an arm on a log, recomputed from the table that `calib validate` writes."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ from pathlib import Path
 
 import numpy as np
 
-MEAN = 5  # samples that are averaged first, measured and predicted alike, so that the noise of one reading does not count
+MEAN = 5  # samples averaged first, measured and predicted alike, to suppress the noise of single readings
 
 
 def gap(prediction: Path) -> float:
-    """Root of the summed squares over joints of measured minus predicted torque, N m; prediction.csv of `calib validate`."""
+    """Root of the sum over joints of the mean squared torque error, N m, in prediction.csv of `calib validate`."""
     table = np.genfromtxt(prediction, delimiter=",", names=True, deletechars="")
     total = 0.0
     for name in table.dtype.names or ():
@@ -22,7 +22,7 @@ def gap(prediction: Path) -> float:
 
 
 def after_over_before(before: Path, after: Path) -> float | None:
-    """Gap after over gap before; None where one of the tables is missing or empty."""
+    """Gap after over gap before; None if a table is missing or empty."""
     if not (before.is_file() and after.is_file()):
         return None
     first, second = gap(before), gap(after)

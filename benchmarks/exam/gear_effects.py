@@ -1,4 +1,4 @@
-"""Motor and gear as nature might have them: no form here is the catalogue's own."""
+"""Motor and gear of the true arm, mostly in other forms than the catalogue's."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from benchmarks.exam.true_arm import TrueArm
 
 
 def rotor(arm: TrueArm, j: int, dose: float, form: int, rng: np.random.Generator) -> Answer:
-    """Another rotor."""
+    """A different reflected inertia."""
     arm.joints["rotor"][j] *= 1 + (-0.6 if rng.uniform() < 0.3 else 1.0) * dose
     return {"inertia": float(arm.joints["rotor"][j])}
 
 
 def elasticity(arm: TrueArm, j: int, dose: float, form: int, rng: np.random.Generator) -> Answer:
-    """Two masses with damping between; form 1 stiffens with load. Dose is the compliance, rad/(N m)."""
+    """Two masses coupled by a spring and a damper; form 1 stiffens with load. Dose is the compliance, rad/(N m)."""
     row = arm.joints[j : j + 1]
     link = max(inertia(arm, j) - row["rotor"][0], 0.2 * row["rotor"][0])
     share = row["rotor"][0] * link / (row["rotor"][0] + link)
@@ -39,7 +39,7 @@ def backlash(arm: TrueArm, j: int, dose: float, form: int, rng: np.random.Genera
 
 
 def ripple(arm: TrueArm, j: int, dose: float, form: int, rng: np.random.Generator) -> Answer:
-    """A wave with a second harmonic."""
+    """A sine with a second harmonic."""
     row, cycles = arm.joints[j : j + 1], float(rng.choice([2, 3, 4, 6, 8, 12, 20]))
     row["ripple"], row["ripple_cycles"], row["ripple_phase"] = dose, cycles, rng.uniform(-np.pi, np.pi)
     row["ripple_second"] = rng.uniform(0.05, 0.12) * (1 + form)
@@ -47,7 +47,7 @@ def ripple(arm: TrueArm, j: int, dose: float, form: int, rng: np.random.Generato
 
 
 def spring(arm: TrueArm, j: int, dose: float, form: int, rng: np.random.Generator) -> Answer:
-    """A spring that hardens, or yields, away from its rest."""
+    """A spring that hardens or softens away from its rest."""
     row, rest = arm.joints[j : j + 1], arm.home[j] + rng.uniform(-0.8, 0.8)
     row["spring"], row["spring_rest"] = dose, rest
     row["spring_hardening"] = rng.choice([-0.03, 0.05]) * (1 + form)
@@ -55,14 +55,17 @@ def spring(arm: TrueArm, j: int, dose: float, form: int, rng: np.random.Generato
 
 
 def saturation(arm: TrueArm, j: int, dose: float, form: int, rng: np.random.Generator) -> Answer:
-    """A limit with a knee before it; dose is the share of the peak torque that is cut off."""
+    """A limit with a knee below it; dose is the share of the peak torque that is cut off."""
     row = arm.joints[j : j + 1]
     row["limit"], row["knee"] = (1 - dose) * arm.peak[j], 0.01 + 0.03 * form
     return {"limit": float(row["limit"][0])}
 
 
 def coupling(arm: TrueArm, j: int, dose: float, form: int, rng: np.random.Generator) -> Answer:
-    """A motor that the joint before turns too; form 1 harder to start, its drag below proportion. Dose is over the joints' own friction."""
+    """A motor that the previous joint turns too; form 1 with more breakaway friction and a lower power of the speed.
+
+    Dose is relative to the smaller reflected inertia and friction of the two joints.
+    """
     row, pair, ratio = arm.joints[j : j + 1], arm.nominal_joints[j - 1 : j + 1], float(rng.choice([-1.0, 1.0]))
     size = {name: dose * float(pair[name].min()) for name in ("rotor", "viscous", "coulomb")}
     row["couple_ratio"], row["couple_inertia"], row["couple_coulomb"] = ratio, size["rotor"], size["coulomb"]

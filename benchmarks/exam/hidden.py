@@ -1,4 +1,4 @@
-"""An effect that the exam hides, and the sizes of an arm by which its dose is guessed."""
+"""An effect that the exam hides, and the arm's quantities from which its dose is guessed."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from benchmarks.exam.true_arm import TrueArm
 
 PAN, LIFT, ELBOW, WRIST_1, WRIST_2, WRIST_3 = range(6)
 ALL = tuple(range(6))
-LOADED = (LIFT, ELBOW, WRIST_1)  # joints that gravity loads enough for its angle or size to show
+LOADED = (LIFT, ELBOW, WRIST_1)  # joints that gravity loads enough to show a change of its angle or size
 Answer = dict[str, float]
 Put = Callable[[TrueArm, int, float, int, np.random.Generator], Answer]
 Dose = Callable[[TrueArm, int], float]
@@ -20,9 +20,10 @@ Dose = Callable[[TrueArm, int], float]
 
 @dataclass(frozen=True)
 class Hidden:
-    """An effect of the exam. joints: where it may be hidden, () for the whole arm; most: the largest dose that is still plausible.
+    """An effect of the exam. joints: where it may be hidden, () for the whole arm; most: the largest plausible dose.
 
-    ladder: doses of the three severities where every arm has something of the effect and its scatter sets the scale; else ().
+    ladder: doses of the three severities for an effect that every arm has to some extent and whose scatter sets the scale; else
+    ().
     """
 
     name: str
@@ -39,12 +40,12 @@ def noise(arm: TrueArm, j: int) -> float:
 
 
 def dry(arm: TrueArm, j: int) -> float:
-    """The nominal level of a joint's dry friction, N m."""
+    """Nominal dry friction of a joint, N m."""
     return float(arm.nominal_joints["coulomb"][j])
 
 
 def gravity(arm: TrueArm, j: int) -> float:
-    """The order of the torque that gravity brings to a joint, N m."""
+    """Scale of a joint's gravity torque, N m: the larger of two postures, at least 0.3 of its dry friction."""
     still = np.zeros((1, 6))
     stretched = np.array([[0.0, 0.0, 0.0, 0.0, -1.2, 0.3], arm.home])
     torque = [torque_along(arm.nominal, np.array([0, 0, -9.81]), q[None], still, still)[0] for q in stretched]
@@ -52,12 +53,12 @@ def gravity(arm: TrueArm, j: int) -> float:
 
 
 def inertia(arm: TrueArm, j: int) -> float:
-    """What a joint turns in the home posture, with its rotor, kg m^2."""
+    """Inertia that a joint turns in the home posture, reflected inertia included, kg m^2."""
     return float(inertia_at(arm.nominal, arm.home)[j, j] + arm.nominal_joints["rotor"][j])
 
 
 def softest(arm: TrueArm, j: int) -> float:
-    """The compliance, rad/(N m), that puts the joint's resonance at 45 rad/s, where its drive still holds it."""
+    """Compliance, rad/(N m), that puts the joint's resonance at 45 rad/s, where its drive still controls it."""
     return 1 / (inertia(arm, j) * 45.0**2)
 
 
@@ -73,10 +74,10 @@ def always(value: float) -> Dose:
 
 
 def per_noise(factor: float) -> Dose:
-    """A dose in noises of one torque reading."""
+    """A dose in multiples of the noise of one torque reading."""
     return lambda arm, j: factor * noise(arm, j)
 
 
 def of_mass(share: float) -> Dose:
-    """A dose in shares of the arm's mass, kg."""
+    """A dose as a share of the arm's mass, kg."""
     return lambda arm, j: share * float(arm.nominal[3].sum())

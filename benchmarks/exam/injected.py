@@ -1,6 +1,6 @@
-"""Torque of the true arm along a motion that was recorded on a real one, so that an effect can be added to measured currents.
+"""Torque of the true arm along a motion recorded on a real one, so that an effect can be added to measured currents.
 
-The joints are rigid here: what a soft gear or a gap would have done to the motion nobody can add afterwards.
+Joints are rigid here: the change of motion from a soft gear or a gap cannot be added afterwards.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ SMOOTH = 0.15  # s, window of the polynomial that differentiates the recorded an
 
 @dataclass(frozen=True)
 class Recorded:
-    """A recording of a real arm: names of its columns, table (N, C); t (K,) s every STEP and q dq ddq (K, 6) smoothed there."""
+    """A recording of a real arm: column names, table (N, C), t (K,) s every STEP, and q dq ddq (K, 6) smoothed there."""
 
     columns: list[str]
     table: np.ndarray
@@ -36,11 +36,11 @@ class Recorded:
 
     @property
     def stamps(self) -> np.ndarray:
-        """(N,) s from the first sample."""
+        """Time from the first sample, s, (N,)."""
         return self.table[:, 0] - self.table[0, 0]
 
     def block(self, name: str) -> slice:
-        """Where the six columns NAME_0 ... NAME_5 stand."""
+        """Position of the six columns NAME_0 ... NAME_5."""
         first = self.columns.index(f"{name}_0")
         return slice(first, first + 6)
 
@@ -60,7 +60,7 @@ def recorded(path: Path) -> Recorded:
 
 @numba.njit(cache=True)
 def needed(chain, gravity, joints, force, ambient, q, dq, ddq, dt):
-    """tau (K, n) N m that the motors of rigid joints need along q dq ddq (K, n), sampled every dt s; the plant's laws, inverted."""
+    """tau (K, n) N m of rigid joints' motors along q dq ddq (K, n), sampled every dt s: the inverse of the plant's laws."""
     count, n = q.shape
     turn, inertia = np.empty((n, 3, 3)), np.empty((n, 3, 3))
     origin, z, centre = np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 3))
@@ -95,11 +95,11 @@ def needed(chain, gravity, joints, force, ambient, q, dq, ddq, dt):
 
 
 def torque(arm: TrueArm, motion: Recorded) -> np.ndarray:
-    """tau (K, 6) N m of the motors along a recorded motion, whose angles are readings of the arm's encoders."""
+    """Motor torque (K, 6) N m along a recorded motion, whose angles are readings of the arm's encoders."""
     angle, speed, acceleration = motion.q, motion.dq, motion.ddq
     records = arm.joints.view(np.recarray)
     if np.any(arm.joints["encoder_offset"]) or np.any(arm.joints["wobble"]):
-        # the fixed point of reading(angle) = q; the error of a reading changes slowly along the angle
+        # fixed-point iteration for reading(angle) = q; the reading error varies slowly with the angle
         angle = angle.copy()
         for _ in range(20):
             angle -= np.stack([reading.py_func(records[j], angle[:, j]) for j in range(6)], axis=1) - motion.q
@@ -109,7 +109,7 @@ def torque(arm: TrueArm, motion: Recorded) -> np.ndarray:
 
 
 def reported(arm: TrueArm, t: np.ndarray, tau: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """What the channel makes of torques (N, 6) that the motors were to give at t (N,): limit, delay, gain, offset."""
+    """Reading of the torque channel for motor torques (N, 6) commanded at t (N,): limit, delay, gain, offset."""
     s = arm.sensors
     records = arm.joints.view(np.recarray)
     out = np.stack([[delivered.py_func(records[j], x) for x in tau[:, j]] for j in range(6)], axis=1)
@@ -122,7 +122,7 @@ def reported(arm: TrueArm, t: np.ndarray, tau: np.ndarray, rng: np.random.Genera
 
 
 def rows(arm: TrueArm, motion: Recorded) -> Rows:
-    """The recorded motion with what the arm would report along it, filtered and thinned; for `severity.Balance`."""
+    """The recorded motion with the arm's reported torque along it, filtered and decimated; for `severity.Balance`."""
     tau = reported(arm, motion.t, torque(arm, motion), np.random.default_rng(0))
     thin = round(1 / (RATE * STEP))
     low = butter(4, BAND, fs=1 / STEP, output="sos")
@@ -130,7 +130,7 @@ def rows(arm: TrueArm, motion: Recorded) -> Rows:
 
 
 def with_hidden(motion: Recorded, clean: TrueArm, hidden: TrueArm, constant: np.ndarray, rng: np.random.Generator) -> Recorded:
-    """The recording with the torque that `hidden` needs beyond `clean` in its currents; constant (6,) N m/A."""
+    """The recording with the torque that `hidden` needs beyond `clean` added to its currents; constant (6,) N m/A."""
     added = torque(hidden, motion) - torque(clean, motion)
     current = motion.block("actual_current")
     t = motion.stamps
@@ -141,7 +141,7 @@ def with_hidden(motion: Recorded, clean: TrueArm, hidden: TrueArm, constant: np.
 
 
 def write(path: Path, motion: Recorded) -> None:
-    """Write the table as ur_rtde's recorder would."""
+    """Write the table as ur_rtde's recorder does."""
     with path.open("w", encoding="utf-8") as file:
         file.write(",".join(motion.columns) + "\n")
         np.savetxt(file, motion.table, fmt="%.5f", delimiter=",")

@@ -1,4 +1,4 @@
-"""The commanded motions: friction sweeps with a chirp, and Fourier series; references on the drive's control instants."""
+"""Commanded motions: friction sweeps with a chirp, and Fourier series, as references at the drive's control instants."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ import numpy as np
 
 HOME = np.array([0.0, -1.4, 1.3, -1.4, -1.2, 0.3])
 HOME_SPREAD = np.array([0.6, 0.25, 0.35, 0.4, 0.4, 0.8])
-SETTLE = 1.0  # s of standing before a recording starts
-REACH = np.array([0.7, 0.7, 0.8, 0.9, 0.9, 0.9])  # rad from home in a sweep
+SETTLE = 1.0  # s at rest before a recording starts
+REACH = np.array([0.7, 0.7, 0.8, 0.9, 0.9, 0.9])  # rad, reach of a sweep from home
 
 
 @dataclass(frozen=True)
@@ -23,7 +23,7 @@ class Reference:
 
     @property
     def duration(self) -> float:
-        """Seconds that are recorded."""
+        """Recorded duration, s."""
         return len(self.q) * self.period - SETTLE
 
 
@@ -33,7 +33,7 @@ def draw_home(rng: np.random.Generator) -> np.ndarray:
 
 
 def friction_motion(rng: np.random.Generator, home: np.ndarray, speed: float, period: float) -> Reference:
-    """Each joint in turn at three constant speeds both ways, then a small chirp of 0.5-7 Hz on all joints."""
+    """Each joint in turn at three constant speeds in both directions, then a small chirp of 0.5-7 Hz on all joints."""
     pieces = [np.zeros((round((SETTLE + 0.5) / period), 6))]
     for j in range(6):
         for v in (
@@ -76,7 +76,7 @@ def _to_and_fro(seconds: float, ramp: float, period: float) -> np.ndarray:
 
 
 def _chirp(rng: np.random.Generator, speed: float, period: float, seconds: float = 11.0) -> np.ndarray:
-    """Speeds (K, 6) of a chirp that ends at rest: each joint at its own phase and rate."""
+    """Speeds (K, 6) of a chirp that ends at rest, with its own phase and rate at each joint."""
     t = np.arange(round(seconds / period)) * period
     rate = rng.uniform(0.9, 1.1, 6)
     sweep = np.log(14.0)

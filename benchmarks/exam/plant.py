@@ -1,7 +1,7 @@
-"""The true arm in motion: own forward dynamics, LuGre friction, motors behind soft gears, and a drive that knows the nominal arm only.
+"""Motion of the true arm: own forward dynamics, LuGre friction, soft gears, and a drive that knows only the nominal arm.
 
-Friction is C. Canudas de Wit et al. (1995), doi:10.1109/9.376053, with the bristle stepped implicitly. The drive closes its loop
-on the motor's encoder at its control instants and holds its torque between them.
+Friction is C. Canudas de Wit et al. (1995), doi:10.1109/9.376053, with the bristle stepped implicitly. The drive closes its
+loop on the motor's encoder at its control instants and holds its torque between them.
 """
 
 from __future__ import annotations
@@ -28,14 +28,14 @@ from benchmarks.exam.records import (
 
 @numba.njit(cache=True)
 def reading(joint, angle):
-    """What the encoder says of an angle, rad."""
+    """Encoder reading of an angle, rad."""
     phase = joint.wobble_cycles * angle + joint.wobble_phase
     return angle + joint.encoder_offset + joint.wobble * (np.sin(phase) + joint.wobble_second * np.sin(2.0 * phase))
 
 
 @numba.njit(cache=True)
 def speed_friction(joint, v):
-    """Friction of speed beside the proportional part, N m."""
+    """Speed-dependent friction beyond the proportional part, N m."""
     if joint.speed_torque == 0.0:
         return 0.0
     s = abs(v)
@@ -50,7 +50,7 @@ def speed_friction(joint, v):
 
 @numba.njit(cache=True)
 def dry_level(joint, q, v, load):
-    """Level of dry friction, N m, before the joint's warmth."""
+    """Level of dry friction, N m, before the effect of temperature."""
     level = joint.coulomb + joint.asymmetry * np.tanh(v / 2e-3)
     if joint.stiction != 0.0:
         ratio = abs(v) / joint.stribeck_velocity
@@ -67,7 +67,7 @@ def dry_level(joint, q, v, load):
 
 @numba.njit(cache=True)
 def gear_torque(joint, twist, rate):
-    """Torque through a soft gear or one with a gap, N m; the gap's sides are sharp, a gear may stiffen with load."""
+    """Torque through a soft gear or one with a gap, N m. The gap has sharp sides; a gear may stiffen with load."""
     if joint.gap > 0.0:
         if abs(twist) <= joint.gap:
             return 0.0
@@ -77,7 +77,10 @@ def gear_torque(joint, twist, rate):
 
 @numba.njit(cache=True)
 def coupled_drag(joint, w, old, dt):
-    """(N m, bristle rad) of a motor that another joint turns too, at its summed speed w: bristles, harder to start, and a power of w."""
+    """Drag, N m, and bristle, rad, of a motor that another joint turns too, at its summed speed w.
+
+    Bristles with extra breakaway friction, plus a power of w.
+    """
     stiffness = joint.couple_coulomb / joint.couple_width
     most = joint.couple_width * (1.0 + joint.couple_rise * np.exp(-abs(w) / 0.08))
     new = (old + w * dt) / (1.0 + abs(w) * dt / most)
@@ -87,7 +90,7 @@ def coupled_drag(joint, w, old, dt):
 
 @numba.njit(cache=True)
 def on_joint(joint, q, v, acceleration, other_v, state, dt):
-    """Torque on the link beside the gear, N m; steps the memory `state` (2,) of what has one."""
+    """Torque on the link besides that of the gear, N m; steps the state (2,) of laws with memory."""
     out = 0.0
     if joint.spring != 0.0:
         x = q - joint.spring_rest
@@ -119,7 +122,7 @@ def on_joint(joint, q, v, acceleration, other_v, state, dt):
 
 @numba.njit(cache=True)
 def delivered(joint, wanted):
-    """What the drive makes of a wanted torque: a flat limit, reached over the share `knee` of it."""
+    """Torque that the drive delivers for a wanted one: a flat limit, approached over the share `knee` of it."""
     size = abs(wanted)
     start = joint.limit * (1.0 - joint.knee)
     if size <= start:
@@ -131,7 +134,7 @@ def delivered(joint, wanted):
 
 @numba.njit(cache=True)
 def pushed(force, t, out):
-    """Force on the last link at t s into `out` (3,)."""
+    """Write the force on the last link at t s into `out` (3,)."""
     phase = (t - force.start) / force.duration
     window = 0.0
     if 0.0 < phase < 1.0:
@@ -147,9 +150,10 @@ def pushed(force, t, out):
 
 @numba.njit(cache=True)
 def simulate(chain, gravity, joints, force, ambient, warm, q_ref, dq_ref, tau_ff, hold, dt, t_begin):
-    """Follow q_ref dq_ref (K, n) with feed-forward tau_ff (K, n), each held for `hold` steps of dt s; the log's t = 0 is at t_begin.
+    """Follow q_ref dq_ref (K, n) with feed-forward tau_ff (K, n), each held for `hold` steps of dt s.
 
-    Returns q dq (K hold, n) of the links, tau (K hold, n) delivered, temperature (K, n) degC from `warm` (n,) on.
+    The log's t = 0 is at t_begin. Returns q dq (K hold, n) of the links, tau (K hold, n) delivered, and temperature (K, n)
+    degC, starting from `warm` (n,).
     """
     count, n = q_ref.shape
     total = count * hold
@@ -164,7 +168,7 @@ def simulate(chain, gravity, joints, force, ambient, warm, q_ref, dq_ref, tau_ff
     bristle, common, integral, memory = np.zeros(n), np.zeros(n), np.zeros(n), np.zeros((n, 2))
     load, tau, heat, wanted = np.zeros(n), np.zeros(n), warm.copy(), 0.0
     for j in range(n):
-        # the encoder stands at the reference; the offset is small, so one step of the fixed point is enough
+        # the encoder reads the reference; the offset is small, so one fixed-point step is enough
         q[j] = q_ref[0, j] - (reading(joints[j], q_ref[0, j]) - q_ref[0, j])
         motor[j] = q[j]
         memory[j, 0] = q[j] - joints[j].d if joints[j].strange == CREEP else 0.0
@@ -179,7 +183,7 @@ def simulate(chain, gravity, joints, force, ambient, warm, q_ref, dq_ref, tau_ff
             tau[j] = delivered(joint, wanted)
             if abs(tau[j]) < 0.98 * joint.limit:
                 integral[j] += joint.ki * error * dt * hold
-            # friction's power grows with speed; `heating` is the rise at a steady 0.5 rad/s
+            # friction power grows with speed; `heating` is the rise at a steady 0.5 rad/s
             heat[j] += dt * hold * (joint.heating * abs(d_motor[j]) / 0.5 + ambient - heat[j]) / joint.heat_time
             temperature[instant, j] = heat[j]
         for _ in range(hold):

@@ -1,8 +1,8 @@
-"""The exam on real recordings: torque of a hidden effect added to the currents that a UR10e's motors really drew.
+"""The exam on real recordings: the torque of a hidden effect is added to the currents of a real UR10e's motors.
 
-An arm is identified from some runs; other runs get the effect and are diagnosed against that arm. What is named on the
-untouched runs belongs to the real arm, or is a mistake; either way it is listed, and only what is named beyond it counts as wrong.
-The recordings stand under ARM_CALIB_DATA; what is made of them goes to a build folder and nowhere else.
+An arm is identified from some runs. Other runs get the effect and are diagnosed against that arm. A name given on the untouched
+runs belongs to the real arm or is a mistake; it is listed, and only names beyond those count as wrong. The recordings are under
+ARM_CALIB_DATA; everything made from them goes to a build folder and nowhere else.
 """
 
 from __future__ import annotations
@@ -28,14 +28,14 @@ from sim.arm import Arm, load_arm
 IDENTIFIED = ("excitation_20s_5h.csv", "excitation_30s_12h.csv", "excitation_40s_12h.csv")
 DIAGNOSED = ("excitation_20s_8h.csv", "excitation_50s_12h.csv")
 HELD_OUT = "excitation_20s_10h.csv"
-# N m: what 40 base parameters, viscous, sign and offset leave of such runs (0.339 0.382 0.201 0.062 0.078 0.051 A); nothing smaller
-# can be expected to be seen
+# N m, residual of 40 base parameters, viscous, sign and offset on such runs (0.339 0.382 0.201 0.062 0.078 0.051 A); nothing
+# smaller can be expected to be visible
 REST = np.array([4.0, 4.6, 2.0, 0.67, 0.85, 0.54])
-NOT_AFTERWARDS = ("joint_elasticity", "backlash")  # they would have moved the arm otherwise
+NOT_AFTERWARDS = ("joint_elasticity", "backlash")  # these would have changed the motion
 
 
 def sit(data: Path, exam: Exam, count: int) -> None:
-    """Identify, hide, ask, compare; a line a case, then the shares; real.json."""
+    """Identify, hide, ask, compare; print a line per case, then the shares, and write real.json."""
     folder = data / "ur10e" if (data / "ur10e").is_dir() else data
     base = exam.out / "real" / "identified"
     if not (base / "arm").is_dir():
@@ -64,7 +64,7 @@ def sit(data: Path, exam: Exam, count: int) -> None:
 
 
 def bare(seed: int, arm: Arm) -> TrueArm:
-    """The true arm without anything hidden: the identified one, exactly, with bristles and warmth that every arm has."""
+    """The true arm with nothing hidden: the identified one with bristles, without warming, gear mesh and torque delay."""
     rng = np.random.default_rng([seed, 1])
     out = build("ur10e", arm.tree, arm.tau_max, HARDWARE["ur10e"], motions.HOME, rng, False)
     out.chain = out.nominal
@@ -78,7 +78,7 @@ def bare(seed: int, arm: Arm) -> TrueArm:
 def hidden(
     number: int, seed: int, clean: TrueArm, balance: Balance[Recorded], constant: np.ndarray, runs: dict[str, Recorded]
 ) -> tuple[dict[str, Recorded], dict]:
-    """(the recordings with it, truth) of the case of that number: every effect in turn, every fifth an unknown one."""
+    """Recordings with the effect, and truth, of case `number`: effects in turn, every fifth one unknown."""
     rng = np.random.default_rng([seed, 2, number])
     known = [e for e in EFFECTS if e.name not in NOT_AFTERWARDS]
     unknown = number % 5 == 4
@@ -94,7 +94,7 @@ def hidden(
     untouched.force["touch"] = 0.0
     out = {}
     for name, motion in runs.items():
-        # something touches the arm once, in the first of the runs
+        # the arm is touched once, in the first of the runs
         here = changed if name == DIAGNOSED[0] else untouched
         out[name] = with_hidden(motion, clean, here, constant, rng)
     item = {
@@ -107,7 +107,7 @@ def hidden(
 
 
 def ask(exam: Exam, arm: Path, case: str, runs: dict[str, Recorded], truth: dict) -> Row:
-    """Write the recordings, have them diagnosed, compare with the truth."""
+    """Write the recordings, have them diagnosed, and compare with the truth."""
     folder, answer = exam.out / "real" / case, exam.out / "real-answers" / case
     folder.mkdir(parents=True, exist_ok=True)
     answer.mkdir(parents=True, exist_ok=True)
@@ -122,7 +122,7 @@ def ask(exam: Exam, arm: Path, case: str, runs: dict[str, Recorded], truth: dict
 
 
 def right(row: Row, own: list[Key]) -> bool:
-    """Exactly the hidden effect beyond what the untouched runs have; for an unknown its joint, and no new name."""
+    """Whether an answer adds exactly the hidden effect to those of the untouched runs; for an unknown its joint, no name."""
     beyond = set(row.answer) - set(own)
     if row.unknown:
         return {joint for _, joint in row.truth} <= set(row.unexplained) and not beyond
@@ -130,7 +130,7 @@ def right(row: Row, own: list[Key]) -> bool:
 
 
 def report(found: list[Row], own: Row, exam: Exam) -> None:
-    """Print the shares; write real.json."""
+    """Print the shares and write real.json."""
     known, unknown = [r for r in found if not r.unknown], [r for r in found if r.unknown]
     names = [k for r in found for k in r.answer if k not in own.answer]
     wrong = sum(k not in r.truth and k not in own.answer for r in found for k in r.answer)

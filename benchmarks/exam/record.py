@@ -1,4 +1,4 @@
-"""The exam as results/exam.json: figures with their bars, the whole confusion matrix, and whether stated confidence is true."""
+"""The exam as results/exam.json: figures with their bars, the full confusion matrix, and the reliability of confidences."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ CONFIDENCE = (0.0, 0.5, 0.7, 0.9, 0.95, 1.0)
 
 
 def rows_of(rows: list[Row], seed: int) -> list[dict[str, Any]]:
-    """Figures, reliability and the confusion matrix, as rows of a results file."""
+    """Figures, reliability and confusion matrix as rows of a results file."""
     out = [{"what": f"cases, seed {seed}", "value": len(rows)}]
     out += [
         {"what": f.what, "value": str(f).removeprefix(f"{f.what}: ").partition("   ")[0], "bar": f.bar} for f in figures(rows)
@@ -25,7 +25,7 @@ def rows_of(rows: list[Row], seed: int) -> list[dict[str, Any]]:
 
 
 def reliability(rows: list[Row]) -> list[dict[str, Any]]:
-    """Of the names given with a confidence in each interval, how many are right."""
+    """Share of right names among those given with a confidence in each interval."""
     given = [(c, name in r.truth) for r in rows for name, c in zip(r.answer, r.confidences, strict=True)]
     out = []
     for low, high in itertools.pairwise(CONFIDENCE):
@@ -41,7 +41,7 @@ def reliability(rows: list[Row]) -> list[dict[str, Any]]:
 
 
 def matrix(rows: list[Row]) -> list[dict[str, Any]]:
-    """For each effect that was hidden alone: how often it was the first name, and what was given instead."""
+    """For each effect hidden alone: how often it was the first name, and what was named instead."""
     truths, answers, counts = confusion(rows)
     out = []
     for truth in truths:
@@ -53,7 +53,7 @@ def matrix(rows: list[Row]) -> list[dict[str, Any]]:
 
 
 def differences(now: Sequence[dict[str, Any]], committed: Sequence[Any]) -> list[str]:
-    """What differs from the committed results of the same cases; a sentence where those are of other cases."""
+    """Differences from the committed results; a sentence if those are of other cases."""
     before = {row["what"]: (row["value"], row.get("note", "")) for row in committed}
     if now[0]["what"] not in before or before[now[0]["what"]][0] != now[0]["value"]:
         return ["results/exam.json holds an exam of other cases; nothing is compared"]
@@ -67,7 +67,7 @@ def differences(now: Sequence[dict[str, Any]], committed: Sequence[Any]) -> list
 
 
 def compare_or_write(rows: list[Row], seed: int, count: int, write: bool, load: float) -> None:
-    """Print what differs from the committed results; write them anew where that is wanted."""
+    """Print the differences from the committed results; overwrite them if `write`."""
     now = rows_of(rows, seed)
     old = results.read().get("exam")
     found = ["there are no committed results"] if old is None else differences(now, old.rows)

@@ -1,6 +1,6 @@
-"""What the sensors of an arm report of a run, written as a recording: topics, stamps and encoding of design's log format.
+"""Sensor readings of a run, written as a recording with topics, stamps and encoding of the project's log format.
 
-The file is written with the `mcap` library and carries no metadata and no `/events`, as a foreign recorder's would.
+The file is written with the `mcap` library, without metadata and `/events`, like one of a foreign recorder.
 """
 
 from __future__ import annotations
@@ -36,13 +36,13 @@ class Samples:
 
 
 def encoder(joints: np.ndarray, q: np.ndarray) -> np.ndarray:
-    """Readings (N, 6) of angles (N, 6) before they are quantised."""
+    """Readings (N, 6) of angles (N, 6) before quantisation."""
     records = joints.view(np.recarray)
     return np.stack([reading.py_func(records[j], q[:, j]) for j in range(len(joints))], axis=1)
 
 
 def torque_reading(arm: TrueArm, happened: Run, t: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """The drive's torque (N, 6) as the channel reports it at t (N,), without noise."""
+    """Drive torque (N, 6) as the channel reports it at t (N,), without noise."""
     s, dt = arm.sensors, happened.t[1] - happened.t[0]
     tau = happened.tau
     if s.lag > 0:
@@ -59,7 +59,7 @@ def torque_reading(arm: TrueArm, happened: Run, t: np.ndarray, rng: np.random.Ge
 
 
 def sample(arm: TrueArm, happened: Run, rng: np.random.Generator) -> Samples:
-    """Readings at jittered instants whose stamps are true."""
+    """Readings at jittered instants with true time stamps."""
     s, hardware = arm.sensors, arm.hardware
     step = 1 / hardware.log_rate
     count = int(happened.reference.duration * hardware.log_rate)
@@ -92,7 +92,7 @@ def sample(arm: TrueArm, happened: Run, rng: np.random.Generator) -> Samples:
 
 
 def write(path: Path, samples: Samples, joint_names: tuple[str, ...], session: int) -> None:
-    """Write a recording; `session` s after the epoch is where its device clock stands."""
+    """Write a recording whose device clock starts `session` s after the epoch."""
     start, host = (EPOCH + session) * 10**9, (EPOCH + session + 3) * 10**9
     encode = JointEncoder(joint_names).body
     nothing = np.full(len(joint_names), np.nan)
@@ -121,7 +121,7 @@ _WRITTEN = (STATES, COMMANDS, DIAGNOSTICS)
 
 
 def _coloured(rng: np.random.Generator, count: int, colour: float) -> np.ndarray:
-    """(count, 6) AR(1) of unit variance."""
+    """AR(1) noise of unit variance, (count, 6)."""
     from scipy.signal import lfilter
 
     white = rng.standard_normal((count + 50, 6)) * np.sqrt(1 - colour**2)

@@ -1,4 +1,4 @@
-"""What the compiled plant is given of joints and forces, and the numbers by which it knows what acts on them."""
+"""Records of joints and forces for the compiled plant, and the numbers of its laws."""
 
 from __future__ import annotations
 
@@ -8,23 +8,23 @@ import numpy as np
 
 
 class Strange(IntEnum):
-    """What acts on a joint and is in no catalogue; parameters a b c d of the joint's record, states s0 s1."""
+    """Effects on a joint that no catalogue has; parameters a b c d in the joint's record, states s0 s1."""
 
     NOTHING = 0
     HOSE = 1  # hysteretic pull: level a N m, width b rad, and a weak spring c N m/rad about d rad
     SLOSH = 2  # a mass of inertia a kg m^2 on a spring, natural frequency b rad/s, damping ratio c
     CREEP = 3  # spring a N m/rad whose rest angle follows the joint with time constant b s
-    CROSS_DRAG = 4  # drag a N m that another joint's speed (index b) brings, full at c rad/s
-    DENT = 5  # dry friction a N m more within b rad of angle c
+    CROSS_DRAG = 4  # drag a N m from another joint's speed (index b), full at c rad/s
+    DENT = 5  # extra dry friction a N m within b rad of angle c
     ANGLE_DRAG = 6  # drag a N m s/rad that varies as sin(b q + c)
-    LAGGED_DRAG = 7  # drag a N m s/rad on the speed of b s ago
+    LAGGED_DRAG = 7  # drag a N m s/rad on the speed delayed by b s
 
 
 HOSE, SLOSH, CREEP, CROSS_DRAG = int(Strange.HOSE), int(Strange.SLOSH), int(Strange.CREEP), int(Strange.CROSS_DRAG)
 DENT, ANGLE_DRAG, LAGGED_DRAG = int(Strange.DENT), int(Strange.ANGLE_DRAG), int(Strange.LAGGED_DRAG)
 POWER_LAW, GREASE, POLYNOMIAL = 0, 1, 2  # shapes of friction over speed
 EXPONENTIAL, HYPERBOLIC = 0, 1  # shapes of the Stribeck curve
-# One record a joint, SI units on the joint side. stiffness 0 is a rigid gear; limit is what the drive delivers.
+# one record per joint, SI units on the joint side; stiffness 0 is a rigid gear; limit is the drive's torque limit
 JOINT = np.dtype(
     [
         ("coulomb", "f8"), ("viscous", "f8"), ("rotor", "f8"), ("width", "f8"), ("bristle_damping", "f8"), ("bristle_power", "f8"),
@@ -44,7 +44,7 @@ JOINT = np.dtype(
         ("kp", "f8"), ("kd", "f8"), ("ki", "f8"),
     ]
 )  # fmt: skip
-# A force on the last link's origin, base frame: a pull that is always there, and a touch that rises and falls
+# a force on the last link's origin, base frame: a permanent pull, and a touch that rises and falls
 FORCE = np.dtype(
     [("pull", "f8", (3,)), ("touch", "f8", (3,)), ("start", "f8"), ("duration", "f8"), ("shape", "i8"), ("sway", "f8")]
 )

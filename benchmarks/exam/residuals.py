@@ -1,9 +1,9 @@
-"""How hard are these cases? Statistics of the nominal model's residual, for any folder of cases with truth.json.
+"""How hard are these cases? Residual statistics of the nominal model, for any folder of cases with truth.json.
 
     python -m benchmarks.exam.residuals CASES [--truth DIR]
 
-For clean cases, per arm and motion, medians over cases: RMS of the residual while a joint moves, its fast part and that part's AR(1)
-coefficient, per joint. For single effects: the largest residual of a joint over the clean median, by severity.
+For clean cases, per arm and motion, medians over cases: per joint the RMS of the residual while the joint moves, its fast part,
+and the AR(1) coefficient of that part. For single effects: the largest residual of a joint over the clean median, by severity.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ MOTIONS = ("friction", "excitation", "validation")
 
 
 def residual(case: Path, motion: str) -> tuple[float, np.ndarray, np.ndarray]:
-    """(step s, residual (N, n) N m, moving (N, n)) of the nominal arm on one log, resampled on the log's own mean rate."""
+    """(step s, residual (N, n) N m, moving (N, n)) of the nominal arm on one log, resampled at the log's own mean rate."""
     arm = load_arm(case / "arm.xml")
     log = read_log(case / f"{motion}.mcap", arm.joint_names)
     step = log.period
@@ -40,7 +40,7 @@ def residual(case: Path, motion: str) -> tuple[float, np.ndarray, np.ndarray]:
 
 
 def statistics(case: Path, motion: str) -> np.ndarray:
-    """(3, n): RMS while moving, standard deviation of what is faster than 4 Hz, its AR(1) coefficient."""
+    """RMS while moving, standard deviation of the part faster than 4 Hz, and its AR(1) coefficient, (3, n)."""
     step, r, moving = residual(case, motion)
     fast = r - savgol_filter(r, int(0.25 / step) // 2 * 2 + 1, 2, axis=0)
     out = np.empty((3, r.shape[1]))

@@ -1,4 +1,4 @@
-"""Sit the exam: make the cases, let `calib diagnose` answer each, compare, print the confusion matrix and the figures, write JSON."""
+"""Sit the exam: make the cases, have `calib diagnose` answer them, compare, print confusion matrix and figures, write JSON."""
 
 from __future__ import annotations
 
@@ -22,7 +22,10 @@ from benchmarks.exam.scoring import Row, compared
 
 @dataclass(frozen=True)
 class Exam:
-    """Where the cases stand, the command to ask, s of CPU for an answer; keep: score answers that are there; final: validate too; record: write results/exam.json."""
+    """Folder of the cases, seed, command to examine, and CPU time for an answer, s.
+
+    keep: score answers that exist; final: also validate; record: write results/exam.json.
+    """
 
     out: Path
     seed: int
@@ -34,7 +37,7 @@ class Exam:
 
 
 def sit(cases: list[Case], exam: Exam, jobs: int) -> None:
-    """Examine all cases, a line each, then `report`."""
+    """Examine all cases, printing a line for each, then `report`."""
     rows: list[Row] = []
     load = os.getloadavg()[0]
     with concurrent.futures.ProcessPoolExecutor(jobs) as pool:
@@ -52,7 +55,7 @@ def sit(cases: list[Case], exam: Exam, jobs: int) -> None:
 
 
 def examine(case: Case, exam: Exam) -> Row:
-    """Make one case if it is not there, have it answered, compare."""
+    """Make one case if it does not exist, have it answered, and compare."""
     folder, answer = exam.out / f"seed{exam.seed}" / case.name, exam.out / f"seed{exam.seed}-answers" / case.name
     if not (folder / "truth.json").exists():
         make(case, folder)
@@ -85,13 +88,13 @@ def examine(case: Case, exam: Exam) -> Row:
 
 
 def run_calib(exam: Exam, log: Path, *words: object) -> tuple[int, resource.struct_rusage]:
-    """Exit code of a command and what it used, its output appended to `log`; -SIGXCPU where it took more CPU than is allowed."""
+    """Exit code and resource usage of a command, its output appended to `log`; -SIGXCPU if it exceeds its CPU time."""
     command = [*shlex.split(exam.calib), *map(str, words)]
     limit = int(exam.timeout)
     with log.open("a", encoding="utf-8") as file:
         file.write("$ " + shlex.join(command) + "\n")
         file.flush()
-        # CPU and not wall clock: the score of a busy computer is that of an idle one
+        # CPU time rather than wall clock: a busy computer scores like an idle one
         process = subprocess.Popen(
             command, stdout=file, stderr=subprocess.STDOUT, env=os.environ | {"OMP_NUM_THREADS": "1"},
             preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_CPU, (limit, limit)),
@@ -102,7 +105,7 @@ def run_calib(exam: Exam, log: Path, *words: object) -> tuple[int, resource.stru
 
 
 def report(rows: list[Row], exam: Exam) -> None:
-    """Print the confusion matrix and the figures; write exam.json."""
+    """Print the confusion matrix and the figures; write them to JSON."""
     truths, answers, counts = confusion(rows)
     width = max(map(len, answers), default=0)
     print(f"\nrows: what was hidden; columns: the first name given\n{'':{width + 4}s}", end="")
@@ -134,5 +137,5 @@ def report(rows: list[Row], exam: Exam) -> None:
 
 
 def effects_text(keys: list[tuple[str, str | None]]) -> str:
-    """Effects in a line."""
+    """Effects on one line."""
     return ", ".join(f"{name} at {joint}" if joint else name for name, joint in keys) or "-"

@@ -1,8 +1,8 @@
-"""Answers against truths: exact sets, first names, wrong names, unknowns, parameter errors, gaps; each share with its Wilson interval.
+"""Answers against truths: exact sets, first names, wrong names, unknowns, parameter errors and gaps.
 
-An effect is right by name and joint; a link error at the last joint and a payload are the same thing to any motion. Two effects that an answer
-reports as indistinguishable, with the motion that decides between them, count as the one that was hidden, except where a figure says by name
-alone.
+An effect is right by name and joint. A link error at the last joint and a payload are the same to any motion. If an answer
+reports two effects as indistinguishable and gives the motion that decides between them, they count as the hidden one, except in
+figures by name alone.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ LAST_JOINT = "wrist_3_joint"
 
 @dataclass
 class Row:
-    """One case: what was hidden, what was answered. verdict "no answer" where there is no readable diagnosis.json."""
+    """One case: what was hidden and what was answered. verdict is "no answer" without a readable diagnosis.json."""
 
     case: str
     arm: str
@@ -44,12 +44,12 @@ class Row:
 
     @property
     def unknown(self) -> bool:
-        """True where an effect of no catalogue was hidden."""
+        """True if an effect outside the catalogue was hidden."""
         return any(name == "unknown" for name, _ in self.truth)
 
     @property
     def counted(self) -> list[Key]:
-        """The names of the answer; of a class of two with the motion that decides, the one that was hidden."""
+        """Names of the answer; for a class of two with a deciding motion, the one that was hidden."""
         out = []
         for k, among, decides in zip(self.answer, self.classes, self.deciding, strict=True):
             hidden = [x for x in among if x in self.truth]
@@ -58,12 +58,12 @@ class Row:
 
     @property
     def exact(self) -> bool:
-        """The right verdict, and exactly the hidden effects at their joints; for an unknown its joint, and no name."""
+        """The right verdict, and exactly the hidden effects at their joints; for an unknown, its joint and no name."""
         return self._is_right(self.counted)
 
     @property
     def by_name(self) -> bool:
-        """`exact` by the first name of every class alone."""
+        """`exact` with only the first name of every class."""
         return self._is_right(self.answer)
 
     def _is_right(self, names: list[Key]) -> bool:
@@ -75,7 +75,7 @@ class Row:
 
     @property
     def first(self) -> str:
-        """The word of the answer for the confusion matrix: the first name, or the verdict instead of one."""
+        """Entry of the answer in the confusion matrix: its first name, or else its verdict."""
         if self.verdict == "unexplained":
             return "unknown"
         if self.answer:
@@ -90,7 +90,7 @@ def key(effect: dict) -> Key:
 
 
 def compared(case: str, truth: dict, answer_file: Path) -> Row:
-    """The row of a case from its truth and the answer that was written for it."""
+    """Row of a case from its truth and its written answer."""
     row = Row(
         case=case,
         arm=truth["arm"],
@@ -122,7 +122,7 @@ def compared(case: str, truth: dict, answer_file: Path) -> Row:
 
 
 def _claimed(gap: dict) -> float | None:
-    """Share of the residual beyond noise that an answer says it removed, where joints slide; None where there is hardly any."""
+    """Share of the residual above noise that an answer claims to remove where joints slide; None if there is hardly any."""
     sliding = gap["sliding"]
     seen = [x for x in zip(sliding["before"], sliding["after"], gap["noise_floor"], strict=True) if None not in x]
     before, after, floor = (sum(x * x for x in column) for column in zip(*seen, strict=True)) if seen else (0.0, 0.0, 0.0)
@@ -130,7 +130,7 @@ def _claimed(gap: dict) -> float | None:
 
 
 def _covered(hidden: dict, found: dict) -> list[bool]:
-    """Whether the stated 95 % interval of each parameter that was estimated holds the truth."""
+    """Whether the reported 95 % interval of each estimated parameter contains the truth."""
     out = []
     for name, value in hidden["parameters"].items():
         got = (found.get("parameters") or {}).get(name, {})

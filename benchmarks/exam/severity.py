@@ -1,7 +1,7 @@
-"""rho: how visible an effect is, the RMS of what it adds to the residual, after what scatter explains, over the noise of one reading.
+"""rho, the visibility of an effect: RMS that it adds to the residual, beyond parameter scatter, over the noise of one reading.
 
-Severities 1, 2, 3 are targets of rho; the dose that reaches one is found on the arm, posture and motions of the case itself, by
-two runs of the plant that differ in the effect alone, or by the torque it adds along a recorded motion.
+Severities 1, 2, 3 are targets of rho. The dose for a target is found on the arm, posture and motions of the case itself: by two
+runs of the plant that differ only in the effect, or by the torque that it adds along a recorded motion.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ from benchmarks.exam.recording import encoder, torque_reading
 from benchmarks.exam.true_arm import AMBIENT, TrueArm, run
 
 TARGET = {1: 0.45, 2: 1.0, 3: 2.4}
-LEAST = 0.6  # share of the smallest target below which an effect counts as not to be seen
-COARSE = 1e-3  # s, step of the runs that only measure an effect's size
+LEAST = 0.6  # share of the smallest target below which an effect counts as invisible
+COARSE = 1e-3  # s, time step of the runs that only measure an effect's size
 BAND = 12.0  # Hz
-RATE = 50.0  # Hz, of the rows that are compared
+RATE = 50.0  # Hz, of the rows compared
 INDEPENDENT = 5.0  # rows of coloured noise that carry as much information as one independent row
 Motion = TypeVar("Motion")
 DOWN = np.array([0.0, 0.0, -9.81])
@@ -31,7 +31,7 @@ DOWN = np.array([0.0, 0.0, -9.81])
 
 @dataclass(frozen=True)
 class Rows:
-    """A motion as the encoders read it, q dq ddq (N, 6), and the torque residual (N, 6) of the nominal arm along it, without noise."""
+    """A motion as the encoders read it, q dq ddq (N, 6), and the nominal arm's noise-free torque residual (N, 6) along it."""
 
     q: np.ndarray
     dq: np.ndarray
@@ -40,7 +40,7 @@ class Rows:
 
 
 def rows(arm: TrueArm, reference: Reference) -> Rows:
-    """A run of the arm, filtered to BAND and thinned to RATE."""
+    """A run of the arm, filtered to BAND and decimated to RATE."""
     happened = run(arm, reference, SETTLE, np.full(6, AMBIENT), COARSE)
     thin = round(1 / (RATE * COARSE))
     logged = happened.t >= 0
@@ -58,7 +58,7 @@ def rows(arm: TrueArm, reference: Reference) -> Rows:
 
 
 class Balance(Generic[Motion]):
-    """Compares effects with the arm without them; `rows` gives the rows of an arm along one of the motions."""
+    """Compares effects with the arm without them. `rows` gives the rows of an arm along one of the motions."""
 
     def __init__(self, clean: TrueArm, motions: Sequence[Motion], rows: Callable[[TrueArm, Motion], Rows]) -> None:
         self.clean, self.motions, self.rows = clean, motions, rows
@@ -66,7 +66,7 @@ class Balance(Generic[Motion]):
         self.columns = scatter_columns(clean, self.before)
 
     def rho(self, hidden: TrueArm) -> float:
-        """The largest over joints and motions: RMS while the joint moves, or 0.4 RMS of its strongest 3 % (a touch, a clipped peak)."""
+        """Largest RMS over joints and motions while the joint moves, or 0.4 RMS of its strongest 3 % (touch, clipped peak)."""
         added = np.concatenate([self.rows(hidden, m).residual for m in self.motions])
         added -= np.concatenate([b.residual for b in self.before])
         left = (added - self._scatter(added)) / self.clean.sensors.noise
@@ -80,16 +80,16 @@ class Balance(Generic[Motion]):
         return largest
 
     def _scatter(self, added: np.ndarray) -> np.ndarray:
-        """What parameters within their usual scatter explain of `added` (N, 6): ridge with that scatter as its prior."""
+        """Part of `added` (N, 6) that parameters within their usual scatter explain: ridge with that scatter as prior."""
         noise = self.clean.sensors.noise * np.sqrt(INDEPENDENT)
         design = (self.columns / noise).reshape(len(self.columns), -1)
         size = np.linalg.solve(design @ design.T + np.eye(len(design)), design @ (added / noise).ravel())
         return np.tensordot(size, self.columns, axes=1)
 
     def dose(self, effect: Hidden, joint: int, severity: int, form: int, seed: int, spread: float) -> tuple[float, float]:
-        """(dose, rho) as visible as the severity asks, times `spread`, and never more than is plausible.
+        """(dose, rho) of the visibility that the severity asks for, times `spread`, at most the largest plausible dose.
 
-        An effect with a ladder takes its step of it, and more only where that could not be seen at all.
+        An effect with a ladder gets the dose of its step; a larger one only if that would not be visible at all.
         """
         most = effect.most(self.clean, joint)
         target = TARGET[severity] * spread
@@ -108,12 +108,12 @@ class Balance(Generic[Motion]):
 
 
 def hide(effect: Hidden, arm: TrueArm, joint: int, dose: float, form: int, seed: int) -> Answer:
-    """Put an effect into an arm as it was dosed; returns the answer."""
+    """Put an effect of the given dose into an arm; return the answer."""
     return effect.put(arm, joint, dose, form, np.random.default_rng(seed))
 
 
 def scatter_columns(arm: TrueArm, motions: Sequence[Rows]) -> np.ndarray:
-    """(p, N, 6) N m: what one standard deviation of each mass, centre, friction and rotor does, and half a millisecond of delay."""
+    """Torque (p, N, 6) N m of one std of each mass, centre, friction and reflected inertia, and of 0.5 ms of delay."""
     q, dq, ddq = (np.concatenate([getattr(m, k) for m in motions]) for k in ("q", "dq", "ddq"))
     base = torque_along(arm.nominal, DOWN, q, dq, ddq)
     rotation, position, axis, mass, com, inertia = arm.nominal

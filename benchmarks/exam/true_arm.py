@@ -1,4 +1,4 @@
-"""The real arm behind a case: its nominal model scattered, its friction, its drive, its sensors; what nobody hid and every arm has."""
+"""The real arm behind a case: a scattered nominal model, friction, drive and sensors, with what is imperfect on every arm."""
 
 from __future__ import annotations
 
@@ -15,17 +15,18 @@ from benchmarks.exam.records import FORCE, JOINT
 from sim.tree import KinematicTree
 
 AMBIENT = 25.0  # degC
-SHORTEST = 1e-4  # s, of the steps of the plant
+SHORTEST = 1e-4  # s, shortest time step of the plant
 Chain = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 
 
 @dataclass
 class Sensors:
-    """From what happened to what is reported; arrays (6,).
+    """Parameters from the true values to the readings; arrays (6,).
 
-    gain, offset N m, gain_fade: share of gain lost at the largest torque; drift N m that the offset wanders over a log;
-    delay s of the torque channel, delay_jitter s about it, lag s of a first-order filter on it; noise N m with AR(1) coefficient colour;
-    hum N m at hum_rate Hz on one joint; lost: share of frames that never arrive; skew of the host clock.
+    gain; offset: N m; gain_fade: share of gain lost at the largest torque; drift: N m that the offset wanders over a log;
+    delay: s of the torque channel, with delay_jitter s about it and a first-order lag of `lag` s; noise: N m with AR(1)
+    coefficient `colour`; hum: N m at hum_rate Hz on one joint; lost: share of frames that never arrive; skew: of the host
+    clock.
     """
 
     gain: np.ndarray
@@ -46,7 +47,7 @@ class Sensors:
 
 @dataclass
 class TrueArm:
-    """Everything the plant needs; `put` functions of the hidden effects change it in place."""
+    """Everything the plant needs. The `put` functions of hidden effects change it in place."""
 
     name: str
     joint_names: tuple[str, ...]
@@ -60,16 +61,16 @@ class TrueArm:
     sensors: Sensors
     hard: bool
     home: np.ndarray
-    peak: np.ndarray  # N m, the largest torque that the excitation asks of each joint
+    peak: np.ndarray  # N m, largest torque that the excitation needs at each joint
 
     def copy(self) -> TrueArm:
-        """An arm that can be changed without changing this one."""
+        """A deep copy."""
         return copy.deepcopy(self)
 
 
 @dataclass(frozen=True)
 class Run:
-    """What happened: q dq tau (N, 6) at instants t (N,) s every dt, temperature (K, 6) degC at the control instants `instants` (K,)."""
+    """A simulated run: q dq tau (N, 6) at t (N,) s, temperature (K, 6) degC at the control instants `instants` (K,)."""
 
     t: np.ndarray
     q: np.ndarray
@@ -96,7 +97,10 @@ def build(
     rng: np.random.Generator,
     hard: bool,
 ) -> TrueArm:
-    """An arm with nothing hidden: one per cent off in its inertias, three in friction, two in the rotors; twice that where `hard`."""
+    """An arm with nothing hidden, scattered about the nominal one.
+
+    Std: 1 % in inertial parameters, 3 % in friction, 2 % in reflected inertia; twice that if `hard`.
+    """
     wide = 2.0 if hard else 1.0
     n = tree.n
     nominal = chain_of(tree)
@@ -145,16 +149,16 @@ def build(
 
 
 def feed_forward(arm: TrueArm, reference: Reference) -> np.ndarray:
-    """tau (K, 6) that the drive expects to need: the nominal arm along the reference, gravity where the model has it."""
+    """tau (K, 6) that the drive feeds forward: the nominal arm along the reference, with gravity as in the model."""
     own = arm.nominal_joints
     tau = torque_along(arm.nominal, np.array([0.0, 0.0, -9.81]), reference.q, reference.dq, reference.ddq)
     return tau + own["rotor"] * reference.ddq + own["viscous"] * reference.dq + own["coulomb"] * np.tanh(reference.dq / 0.02)
 
 
 def run(arm: TrueArm, reference: Reference, settle: float, warm: np.ndarray, dt: float = 5e-4) -> Run:
-    """Let the arm follow a reference; `warm` (6,) degC is how warm its joints start.
+    """Let the arm follow a reference; `warm` (6,) degC is the initial temperature of its joints.
 
-    Where the steps dt s are too long for its gears, they are halved.
+    If the integration diverges because a gear is too stiff for steps of dt s, the steps are halved.
     """
     hold = round(reference.period / dt)
     q, dq, tau, temperature = simulate(

@@ -1,7 +1,8 @@
-"""The arm that made a case in the terms of the catalogue: what a perfect identification would write.
+"""The true arm of a case in terms of the catalogue: the result of a perfect identification.
 
-Bodies, friction, reflected inertia and gravity are the true ones, and hidden effects have their true parameters. What the catalogue does not hold
-(the mesh of the gears, warming, second harmonics, other forms of an effect) is not in it, and it predicts from readings like any arm.
+Bodies, friction, reflected inertia and gravity are the true ones, and hidden effects have their true parameters. What the
+catalogue does not have is left out: gear mesh, warming, second harmonics, other forms of an effect. The arm predicts from
+readings like any other.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ PHASE = {"torque_ripple": "ripple_phase", "encoder_eccentricity": "wobble_phase"
 
 
 def write_true(arm: TrueArm, nominal: Arm, hidden: list[dict[str, Any]], folder: Path) -> None:
-    """An arm folder of `arm`, in which `hidden` (effect, joint, parameters) are."""
+    """Write an arm folder of `arm` with the effects `hidden` (effect, joint, parameters)."""
     names = nominal.joint_names
     mass, com, inertia = arm.chain[3:]
     own = {
@@ -38,7 +39,7 @@ def write_true(arm: TrueArm, nominal: Arm, hidden: list[dict[str, Any]], folder:
         elif name != "unknown" and effect_named(name).stage is not Stage.RIGID:
             if name in PHASE:
                 values["phase"] = float(arm.joints[PHASE[name]][names.index(joint)])
-            # one whose answer has not all parameters has no form of the catalogue: friction by the joint's own temperature
+            # an answer without all parameters has no form in the catalogue: friction by the joint's own temperature
             if {p.name for p in effect_named(name).parameters} == set(values) and name != "external_contact":
                 others.append(ArmEffect(name, joint, values))
     write_arm(

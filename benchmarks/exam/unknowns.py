@@ -1,4 +1,4 @@
-"""Effects that no catalogue has, each at one joint; the right answer is `unexplained` there, and no name."""
+"""Effects outside the catalogue, each at one joint. The right answer is `unexplained` there, and no name."""
 
 from __future__ import annotations
 
@@ -16,24 +16,24 @@ def _strange(arm: TrueArm, j: int, kind: Strange, a: float, b: float, c: float =
 
 
 def hose(arm: TrueArm, j: int, dose: float, form: int, rng: np.random.Generator) -> Answer:
-    """A dress pack that drags: a wide hysteresis, and a weak pull home."""
+    """A dress pack that drags: a wide hysteresis and a weak pull towards home."""
     return _strange(arm, j, Strange.HOSE, dose, rng.uniform(0.12, 0.3), 0.4 * dose, arm.home[j])
 
 
 def slosh(arm: TrueArm, j: int, dose: float, form: int, rng: np.random.Generator) -> Answer:
-    """A liquid that swings after the joint; dose is its inertia over the joint's rotor's."""
+    """A liquid that sloshes with the joint; dose is its inertia over the joint's reflected inertia."""
     own = float(arm.nominal_joints["rotor"][j])
     return _strange(arm, j, Strange.SLOSH, dose * own, 2 * np.pi * rng.uniform(0.6, 1.4), rng.uniform(0.04, 0.12))
 
 
 def base_mode(arm: TrueArm, j: int, dose: float, form: int, rng: np.random.Generator) -> Answer:
-    """A pedestal that rings when the joint accelerates."""
+    """A pedestal that vibrates when the joint accelerates."""
     own = float(arm.nominal_joints["rotor"][j])
     return _strange(arm, j, Strange.SLOSH, dose * own, 2 * np.pi * rng.uniform(3.0, 5.5), rng.uniform(0.03, 0.08))
 
 
 def creep(arm: TrueArm, j: int, dose: float, form: int, rng: np.random.Generator) -> Answer:
-    """A pull that relaxes within seconds."""
+    """A spring torque that relaxes within seconds."""
     return _strange(arm, j, Strange.CREEP, dose, rng.uniform(1.5, 6.0), 0.0, arm.home[j])
 
 
@@ -44,17 +44,17 @@ def cross_drag(arm: TrueArm, j: int, dose: float, form: int, rng: np.random.Gene
 
 
 def dent(arm: TrueArm, j: int, dose: float, form: int, rng: np.random.Generator) -> Answer:
-    """A damaged tooth: dry friction at one angle."""
+    """A damaged tooth: extra dry friction around one angle."""
     return _strange(arm, j, Strange.DENT, dose, rng.uniform(0.08, 0.2), arm.home[j] + rng.uniform(-0.3, 0.3))
 
 
 def angle_drag(arm: TrueArm, j: int, dose: float, form: int, rng: np.random.Generator) -> Answer:
-    """A gear that sits off its centre: drag that varies along the angle."""
+    """An off-centre gear: drag that varies with the angle."""
     return _strange(arm, j, Strange.ANGLE_DRAG, dose, float(rng.choice([2.0, 3.0, 4.0])), rng.uniform(-np.pi, np.pi))
 
 
 def lagged_drag(arm: TrueArm, j: int, dose: float, form: int, rng: np.random.Generator) -> Answer:
-    """Oil that keeps turning: drag on the speed of a while ago."""
+    """Oil that keeps turning: drag on a delayed speed."""
     return _strange(arm, j, Strange.LAGGED_DRAG, dose, rng.uniform(0.4, 1.0))
 
 

@@ -1,4 +1,4 @@
-"""`python -m benchmarks.fleet length|names|pace|same`: one part at a time; recordings, and what was done of them, stay in --folder."""
+"""`python -m benchmarks.fleet length|names|pace|same`: measure one part; recordings and results stay in --folder."""
 
 from __future__ import annotations
 
@@ -32,13 +32,13 @@ def _names(minutes: Minutes = None, folder: Folder = None) -> None:
 
 @app.command("pace")
 def _pace(arms: int, seconds: float, folder: Folder = None, workers: int = 2, identify_only: IdentifyOnly = False) -> None:
-    """Arms a minute of `calib fleet`, killed with all its workers after a third of the arms, and called again."""
+    """Arms per minute of `calib fleet`, killed with all its workers after a third of the arms, then called again."""
     _show(folder, lambda place: pace(place, arms, seconds, not identify_only, workers))
 
 
 @app.command("same")
 def _same(arms: int, seconds: float, folder: Folder = None, identify_only: IdentifyOnly = False) -> None:
-    """Local workers, a cluster on loopback, and a worker killed: the same numbers."""
+    """Compare the results of local workers, a loopback cluster, and a run with a killed worker."""
     _show(folder, lambda place: same(place, arms, seconds, not identify_only))
 
 

@@ -1,4 +1,4 @@
-"""`python -m benchmarks.fleet.alone identify|diagnose FILE...`: one measurement in a process that did nothing else; prints JSON."""
+"""`python -m benchmarks.fleet.alone identify|diagnose FILE...`: one measurement in a fresh process; prints JSON."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ from sim.arm import load_arm
 
 
 def alone(task: str, files: Sequence[Path]) -> dict[str, Any]:
-    """What `identified` or `diagnosed` finds, with wall and CPU time in s, and the process's own peak of resident memory in MB."""
+    """Result of `identified` or `diagnosed`, with wall and CPU time, s, and the process's own peak resident memory, MB."""
     command = [sys.executable, "-m", "benchmarks.fleet.alone", task, *map(str, files)]
     answer = subprocess.run(command, env=ENVIRONMENT, check=True, stdout=subprocess.PIPE, text=True).stdout
     return dict(json.loads(answer))
 
 
 def identified(files: Sequence[Path], scratch: Path) -> dict[str, Any]:
-    """All files are one session."""
+    """Identify all files as one session."""
     arm, began = load_arm(MODEL), time.process_time()
     pieces = Pieces.joined(open_pieces(f, arm.joint_names, scratch / str(k)) for k, f in enumerate(files))
     reading = time.process_time() - began
@@ -36,7 +36,7 @@ def identified(files: Sequence[Path], scratch: Path) -> dict[str, Any]:
 
 
 def diagnosed(files: Sequence[Path], scratch: Path) -> dict[str, Any]:
-    """The first file with the second held out."""
+    """Diagnose the first file with the second held out."""
     arm = load_arm(MODEL)
     pieces = open_pieces(files[0], arm.joint_names, scratch)
     found, whole = diagnose_pieces(arm, pieces, [read_log(files[1], arm.joint_names)])
@@ -50,7 +50,7 @@ def _first(parameters: dict[str, dict[str, float]]) -> tuple[float, float]:
 
 
 def _peak() -> float:
-    # VmHWM is this process's own peak; ru_maxrss would begin at that of the process that started it
+    # VmHWM is this process's own peak; ru_maxrss would start from that of its parent
     peak = re.search(r"VmHWM:\s+(\d+)", Path("/proc/self/status").read_text(encoding="ascii"))
     assert peak is not None
     return int(peak[1]) / 1024

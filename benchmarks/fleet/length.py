@@ -1,4 +1,4 @@
-"""What a recording's length costs: identification of minutes to hours, diagnosis of minutes to an hour, each in a process of its own."""
+"""Cost over recording length: identification of minutes to hours, diagnosis of minutes to an hour, each in its own process."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from benchmarks.fleet.workers import row
 from sim.arm import load_arm
 from sim.effects import with_effect
 
-LENGTHS = (1.0, 3.0, 10.0, 30.0, 60.0)  # minutes; 600 takes a quarter of an hour to make, and 5 GB of disk
+LENGTHS = (1.0, 3.0, 10.0, 30.0, 60.0)  # minutes; 600 takes a quarter of an hour to generate and 5 GB of disk
 DIAGNOSED = (4.0, 20.0, 60.0)
 
 
 def length(folder: Path, minutes: Sequence[float] = LENGTHS) -> list[dict[str, Any]]:
-    """Reading and identifying recordings of several lengths at 500 Hz: CPU time, memory, and the line through the cost over length."""
+    """Reading and identifying recordings of several lengths at 500 Hz: CPU time with a linear fit over length, and memory."""
     truth = individual(load_arm(MODEL), 0)
     rows, found = [], []
     for m in minutes:
@@ -44,7 +44,7 @@ def length(folder: Path, minutes: Sequence[float] = LENGTHS) -> list[dict[str, A
 
 
 def names(folder: Path, minutes: Sequence[float] = DIAGNOSED) -> list[dict[str, Any]]:
-    """Diagnosis of recordings of several lengths: CPU time, memory, and how well the hidden spring is known."""
+    """Diagnosing recordings of several lengths: CPU time, memory, and how well the hidden spring is identified."""
     arm = load_arm(MODEL)
     truth = with_effect(individual(arm, 0), HIDDEN[1])
     apart = folder / "spring" / "apart.mcap"

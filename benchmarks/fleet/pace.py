@@ -1,4 +1,4 @@
-"""A whole plant with `calib fleet` on local workers, killed and resumed: arms a minute, and how many were diagnosed rightly."""
+"""A whole plant with `calib fleet` on local workers, killed and resumed: arms per minute, and correct diagnoses."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from benchmarks.fleet.workers import ENVIRONMENT, kill_a_worker, row
 from calib.fleet.fleet import ANSWER, ARMS
 from sim.arm import ArmEffect
 
-MEASURED, MOST = (200, 300.0), 25  # arms and seconds that the bar is for; minutes
+MEASURED, MOST = (200, 300.0), 25  # arms and seconds that the bar applies to; the bar in minutes
 
 
 def pace(folder: Path, arms: int, seconds: float, diagnose: bool = True, workers: int = 2) -> list[dict[str, Any]]:
-    """The command is killed with all its workers after a third of the arms and called again; after two thirds one worker is killed."""
+    """Kill the command with all its workers after a third of the arms, call it again, and kill one worker after two thirds."""
     place = folder / f"pace-{arms}x{seconds:g}"
     hidden, out = plant(place / "logs", arms, seconds), place / "out"
     shutil.rmtree(out, ignore_errors=True)
@@ -53,17 +53,17 @@ def pace(folder: Path, arms: int, seconds: float, diagnose: bool = True, workers
 
 
 def what(arms: int, seconds: float, diagnose: bool) -> str:
-    """The plant in words."""
+    """Description of the plant."""
     return f"{arms} arms x {seconds / 60:g} min" + ("" if diagnose else ", without diagnosis")
 
 
 def answers(out: Path) -> list[Path]:
-    """The files that say that an arm is done."""
+    """Files that mark an arm as done."""
     return sorted((out / ARMS).glob(f"*/{ANSWER}"))
 
 
 def _called(place: Path, workers: int, diagnose: bool, kill_at: int, whole: bool) -> float:
-    """Wall time in s of one call of the command, of which everything or one worker is killed once so many arms are done."""
+    """Call the command; once `kill_at` arms are done, kill everything (`whole`) or one worker. Wall time, s."""
     words = ["fleet", str(place / "logs"), "--out", str(place / "out"), "--workers", str(workers)]
     command = [sys.executable, "-m", "calib", *words, *([] if diagnose else ["--no-diagnose"])]
     begin = time.perf_counter()
@@ -86,7 +86,7 @@ def _called(place: Path, workers: int, diagnose: bool, kill_at: int, whole: bool
 
 
 def _processors() -> tuple[float, float]:
-    """Seconds that the processors of this computer were at work, and seconds in all."""
+    """Busy time and total time of this computer's processors, s."""
     now = psutil.cpu_times()
     whole = now.user + now.nice + now.system + now.idle + now.iowait + now.irq + now.softirq + now.steal
     return whole - now.idle - now.iowait, whole

@@ -1,4 +1,4 @@
-"""Recordings of arms that never were: Fourier motion, torque by `sim.prediction` of arms that vary about their model, sensor noise."""
+"""Synthetic recordings: Fourier motion, torque from `sim.prediction` of arms that vary about their model, sensor noise."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ FILE_MINUTES = 60.0
 
 
 def motion(arm: Arm, seed: int, seconds: float, rate: float) -> Trajectory:
-    """A Fourier motion of PERIOD s again and again, within the arm's speed and acceleration."""
+    """Fourier motion of PERIOD s, repeated, within the arm's speed and acceleration limits."""
     once = fourier_motion(arm, seed, PERIOD, rate)
     count = round(seconds * rate)
     turn = np.arange(count) % round(PERIOD * rate)
@@ -38,7 +38,7 @@ def motion(arm: Arm, seed: int, seconds: float, rate: float) -> Trajectory:
 
 
 def recorded(arm: Arm, path: Trajectory, seed: int) -> Log:
-    """What the arm's sensors say of the motion."""
+    """The motion as the arm's sensors report it."""
     rng = np.random.default_rng(seed)
     noise = rng.standard_normal(path.q.shape) * np.array(arm.sensors.torque_noise)
     step = arm.sensors.encoder_resolution
@@ -48,7 +48,11 @@ def recorded(arm: Arm, path: Trajectory, seed: int) -> Log:
 
 
 def individual(arm: Arm, seed: int, spread: float = 0.05) -> Arm:
-    """An arm that differs from its model as arms of one make do: friction, rotors and masses off by about `spread`."""
+    """An arm that differs from its model as arms of one make do.
+
+    Relative std: `spread` for every effect parameter (friction, reflected inertia), 0.3 of it for masses. Inertias scale with
+    the mass.
+    """
     rng = np.random.default_rng(seed)
     mass = arm.tree.mass * (1 + 0.3 * spread * rng.standard_normal(arm.n))
     tree = replace(arm.tree, mass=mass, inertia=arm.tree.inertia * (mass / arm.tree.mass)[:, None, None])
@@ -60,7 +64,7 @@ def individual(arm: Arm, seed: int, spread: float = 0.05) -> Arm:
 
 
 def write_recording(file: Path, arm: Arm, log: Log, cell: str, serial: str, kind: str) -> None:
-    """A recording as `calib record` would leave it: finished, and saying whose it is."""
+    """Write a recording as `calib record` does: finished, with arm, cell and serial number."""
     words = {
         "arm": arm.name, "arm_sha256": arm.sha256, "cell": cell, "serial": serial, "motion": kind, "end_reason": "completed",
         "wall_clock_start_ns": str(START * 10**9),
@@ -70,9 +74,9 @@ def write_recording(file: Path, arm: Arm, log: Log, cell: str, serial: str, kind
 
 
 def plant(folder: Path, arms: int, seconds: float, rate: float = 125.0) -> dict[str, ArmEffect]:
-    """A folder of recordings of that many arms; every HIDDEN_EVERY-th has an effect that its model lacks: cell -> effect.
+    """Write recordings of `arms` arms. Every HIDDEN_EVERY-th has an effect that its model does not have: cell -> effect.
 
-    Recordings that are there already are left as they are.
+    Existing recordings are kept.
     """
     model = load_arm(MODEL)
     hidden = {}
@@ -91,7 +95,7 @@ def plant(folder: Path, arms: int, seconds: float, rate: float = 125.0) -> dict[
 
 
 def shift(folder: Path, truth: Arm, minutes: float) -> Iterator[Path]:
-    """A recording of work at 500 Hz; hours are recordings of an hour each, with the same motion and fresh noise."""
+    """Recordings of work at 500 Hz. Hours are split into one file per hour, with the same motion and fresh noise."""
     for k in range(math.ceil(minutes / FILE_MINUTES)):
         file = folder / f"{min(minutes, FILE_MINUTES):g}-{k}.mcap"
         if not file.exists():

@@ -1,4 +1,4 @@
-"""The same arms on every engine: local workers, a cluster on loopback, a worker killed in the middle, and called once more."""
+"""The same arms on every engine: local workers, a loopback cluster, a worker killed midway, and a second call."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from calib.fleet.inventory import inventory
 
 
 def same(folder: Path, arms: int, seconds: float, diagnose: bool = True) -> list[dict[str, Any]]:
-    """The largest difference of any number from two undisturbed local workers, and their pace."""
+    """Largest difference of any number from an undisturbed run on two local workers, and the arms per minute."""
     place = folder / f"same-{arms}x{seconds:g}"
     for name in ("local", "cluster", "killed"):
         shutil.rmtree(place / name, ignore_errors=True)
@@ -53,7 +53,7 @@ def _timed(place: Path, name: str, settings: Settings) -> tuple[Fleet, float]:
 
 
 def _killed(place: Path, reference: Fleet, arms: int, diagnose: bool) -> list[dict[str, Any]]:
-    """A worker killed once a third of the arms is done: rows lost, rows twice, difference from the undisturbed run."""
+    """Kill a worker once a third of the arms is done: arms lost, arms twice, difference from the undisturbed run."""
     seen: list[str] = []
     deaths: list[int] = []
 
@@ -75,7 +75,7 @@ def _killed(place: Path, reference: Fleet, arms: int, diagnose: bool) -> list[di
 
 
 def difference(a: Fleet, b: Fleet) -> float:
-    """Largest relative difference between the numbers of two fleets; infinite where anything else differs."""
+    """Largest relative difference between the numbers of two fleets; infinite if anything else differs."""
     worst = 0.0
     ours = {r["arm"]: r for r in a.rows}
     if ours.keys() != {r["arm"] for r in b.rows}:

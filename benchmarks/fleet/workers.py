@@ -1,4 +1,4 @@
-"""Workers of this computer: what they run in, a cluster as one would find it, and the end of one."""
+"""Workers on this computer: their environment, a cluster on loopback, and killing one."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ ENVIRONMENT = os.environ | ONE_THREAD | {"PYTHONPATH": os.pathsep.join([str(ROOT
 
 
 def row(what: str, value: Any, unit: str = "", bar: str = "", note: str = "") -> dict[str, Any]:
-    """One line of the table, with the load of the computer."""
+    """One row of the table, with the computer's load in its note."""
     with_load = f"{note}; load {os.getloadavg()[0]:.1f}".strip("; ")
     return {"what": what, "value": value, "unit": unit, "bar": bar, "note": with_load}
 
 
 def kill_a_worker() -> int:
-    """SIGKILL for one worker process below this one; returns its number."""
+    """Send SIGKILL to one worker process below this one; return its process id."""
     for process in psutil.Process().children(recursive=True):
         with_nanny = "spawn_main" in " ".join(process.cmdline())
         if with_nanny and not process.children():
@@ -40,7 +40,7 @@ def kill_a_worker() -> int:
 
 @contextmanager
 def loopback() -> Iterator[str]:
-    """A scheduler and two workers of its own processes, as an existing cluster would be; its address."""
+    """Address of a scheduler with two workers in their own processes, like an existing cluster."""
     with tempfile.TemporaryDirectory() as scratch:
         file = Path(scratch) / "scheduler.json"
         dask = [sys.executable, "-m", "dask"]

@@ -1,4 +1,4 @@
-"""Other tools on the same logs: small programs that run in an environment of their own (`make peers`), and import nothing of ours."""
+"""Other tools on the same logs: small programs that run in their own environment (`make peers`) and import none of our code."""
 
 from benchmarks.peers.compare import MEASURES, run
 

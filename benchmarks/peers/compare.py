@@ -1,8 +1,8 @@
-"""Logs of arms that are known to the last digit, for us, for the peers and for a baseline: how wrong is each one's torque elsewhere?
+"""Torque errors of this tool, its peers and a baseline on unseen motions, identified from logs of exactly known arms.
 
-The metric needs no agreement on parameters: the torque of each tool's model on motions that nobody saw, against the truth without noise,
-as a share of the torque's own standard deviation, where a joint slides and near its reversals apart. Five arms, motions and noises.
-Beside them what the log can determine at all (`floor`).
+The metric needs no agreement on parameters. It is the torque of each tool's model on unseen motions against the noise-free
+truth, as a share of the torque's own standard deviation, separately for sliding joints and near reversals. Five arms, motions
+and noises. The table also has what the log can determine at all (`floor`).
 """
 
 from __future__ import annotations
@@ -35,23 +35,23 @@ from sim.slip import SLIP_WIDTH, slip_direction
 from sim.trajectory import Trajectory
 
 MOTION = 10.0  # s
-# rad/s above which a joint slides; its reversals leave out the fraction of a milliradian in which the truth's dry friction turns, because
-# the peers' sign(dq) cannot follow it
+# rad/s above which a joint slides. Reversals leave out the fraction of a milliradian in which the truth's dry friction changes
+# sign, because the peers' sign(dq) cannot represent it
 SLIDING, TURNED = 0.05, 0.99
 OURS, RIDGE, NOMINAL = "calib identify", "ridge around the nominal arm", "nominal arm"
 BARS = {(10.0, OURS): "not behind any", (60.0, OURS): "<= 0.65, half of any other"}
-# what the logs and the peers' answers depend on, and what ours does
+# what the logs and the peers' results depend on, and what ours depend on
 LOGS = ("benchmarks.known_truth", "benchmarks/peers")
 MEASURES = ("benchmarks.peers.compare", *LOGS)
 
 
 def run(minutes: float = 30.0, seeds: int = 5, lengths: Sequence[float] = (10.0, 60.0)) -> list[dict[str, Any]]:
-    """A slice of the cases, then the rows of all that were tried so far; where the peers are not installed, a row that says so."""
+    """Run cases for `minutes`; return rows over all tried so far, with a row that says so if the peers are not installed."""
     end = time.monotonic() + 60 * minutes
     ours = Kept(FOLDER / "peers.jsonl", " ".join(map(digest, MEASURES)))
     peers = Kept(FOLDER / "peers.jsonl", " ".join([*map(digest, LOGS), str(PYTHON.is_file())]))
     every = {s: [f"{s:g} {seed}" for seed in range(seeds)] for s in lengths}
-    for kept, work in ((ours, our_case), (peers, peer_case)):  # ours first: the peers take minutes a log
+    for kept, work in ((ours, our_case), (peers, peer_case)):  # ours first: the peers take minutes per log
         for seconds, names in every.items():
             for seed, name in enumerate(names):
                 if name not in kept.found and time.monotonic() < end:
@@ -70,7 +70,7 @@ def run(minutes: float = 30.0, seeds: int = 5, lengths: Sequence[float] = (10.0,
 
 
 def accuracy(seconds: float, cases: list[dict[str, Any]], seeds: int) -> list[dict[str, Any]]:
-    """A row for each tool and each kind of sample: the mean over the seeds so far, and its 95 % interval."""
+    """One row per tool and kind of sample: mean over the seeds so far, with its 95 % interval."""
     rows = []
     for kind in ("sliding", "reversals"):
         for tool in cases[0]["errors"]:
@@ -88,7 +88,7 @@ def accuracy(seconds: float, cases: list[dict[str, Any]], seeds: int) -> list[di
 
 
 def interval(x: np.ndarray) -> str:
-    """The mean of x (N,) with its 95 % interval (Student); of a single value that value alone, because nothing is known of its interval."""
+    """Mean of x (N,) with its 95 % interval (Student); without an interval if N is 1."""
     if len(x) < 2:
         return f"{x.mean():.2f}"
     half = stats.t.ppf(0.975, len(x) - 1) * x.std(ddof=1) / np.sqrt(len(x))
@@ -96,7 +96,7 @@ def interval(x: np.ndarray) -> str:
 
 
 def times(cases: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """What identification of the short logs takes, and its parts on 10,000 random samples."""
+    """Time of identification from the short logs, and of its parts on 10,000 random samples."""
     nominal = load_arm("ur10e")
     model = TorqueModel.of_arm(nominal)
     random = random_states(nominal)
@@ -120,12 +120,12 @@ def times(cases: list[dict[str, Any]]) -> list[dict[str, Any]]:
 
 
 class Case:
-    """One arm, one log of it, and two motions that nobody saw."""
+    """One arm, one log of it, and two unseen motions."""
 
     def __init__(self, seed: int, seconds: float) -> None:
         self.seed, self.nominal = seed, load_arm("ur10e")
         truth = without_offsets(varied(self.nominal, 7 + seed))
-        # a minute is six motions of 10 s: a single one would be too slow to show inertias to any tool
+        # a minute is six motions of 10 s: a single one would be too slow for any tool to identify inertias
         each = [fitting_motion(self.nominal, 3 + seed + 100 * k, MOTION) for k in range(round(seconds / MOTION))]
         motion = reduce(joined, each)
         self.truth, self.motion = truth, motion
@@ -134,11 +134,11 @@ class Case:
         self.exact = [predict(truth, motion) for motion in self.new]
 
     def found(self, predictions: dict[str, list[np.ndarray]], seconds: dict[str, float]) -> dict[str, Any]:
-        """Errors of each tool in %, CPU seconds of each."""
+        """Errors of each tool, %, and CPU seconds of each."""
         return {"seconds": seconds, "errors": {tool: self._errors(taus) for tool, taus in predictions.items()}}
 
     def floors(self) -> dict[str, dict[str, float]]:
-        """The least errors in % that this log allows on average, by kind of floor and of samples."""
+        """Smallest average errors, %, that this log allows, by kind of floor and of samples."""
         spread = floors(self.nominal, self.truth, self.motion, self.new)
         return {name: self._errors([t + s for t, s in zip(self.exact, std, strict=True)]) for name, std in spread.items()}
 
@@ -147,7 +147,7 @@ class Case:
 
 
 def our_case(case: Case) -> dict[str, Any]:
-    """What we and the ridge make of a log."""
+    """Our errors and those of the ridge on a log."""
     nominal, log, new = case.nominal, case.log, case.new
     m = prepare(log, nominal)
     found, ours = _timed(lambda: identify(nominal, [log]))
@@ -162,7 +162,7 @@ def our_case(case: Case) -> dict[str, Any]:
 
 
 def peer_case(case: Case) -> dict[str, Any]:
-    """What the peers make of it; nothing where they are not installed."""
+    """The peers' errors on the same log; no errors if they are not installed."""
     out: dict[str, Any] = {"seconds": {}}
     predictions: dict[str, list[np.ndarray]] = {}
     if PYTHON.is_file():
@@ -177,7 +177,7 @@ def _joined(ours: dict[str, Any], peers: dict[str, Any]) -> dict[str, Any]:
 
 
 def _error(taus: list[np.ndarray], exact: list[np.ndarray], motions: list[Trajectory], sliding: bool) -> float:
-    """% RMS over joints, of the standard deviation of each joint's torque, at the samples that slide or at the others."""
+    """RMS error over joints, % of the standard deviation of each joint's torque, at the sliding samples or at the others."""
     parts = []
     for tau, truth, motion in zip(taus, exact, motions, strict=True):
         fast = np.abs(motion.dq) > SLIDING
@@ -194,7 +194,7 @@ def _timed(work: Callable[[], Any]) -> tuple[Any, float]:
 
 
 def best(work: Any, repeats: int = 5) -> float:
-    """Least CPU seconds of several runs."""
+    """Smallest CPU time of several runs, s."""
     work()
     out = []
     for _ in range(repeats):
@@ -205,7 +205,7 @@ def best(work: Any, repeats: int = 5) -> float:
 
 
 def _looped(model: TorqueModel, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> np.ndarray:
-    """The same regressor, sample by sample by Pinocchio."""
+    """The same regressor computed sample by sample with Pinocchio."""
     links = model.body.pinocchio
     data, out = links.createData(), np.empty((len(q), model.arm.n, 10 * model.arm.n))
     for k in range(len(q)):

@@ -1,11 +1,12 @@
-"""figaroh on one problem: FOLDER has model.urdf, joints.json and data.npz; writes figaroh.json, figaroh_K.npy and figaroh_fit_K.npy.
+"""figaroh on one problem: reads FOLDER with model.urdf, joints.json and data.npz; writes figaroh.json and .npy files.
 
-Runs in the peers' environment. As its documentation and examples have it: torque and every column of the regressor filtered alike and
-decimated (parallel filtering of M. Gautier), rows of a joint left out near its reversals, then two estimates.
+The files are figaroh_K.npy (base parameters) and figaroh_fit_K.npy (effort fit). Runs in the peers' environment. As in its
+documentation and examples, torque and every regressor column are filtered alike and decimated (parallel filtering of M.
+Gautier), and rows of a joint near its reversals are left out. Two estimates follow:
 
 - base parameters by its double QR, weighted by each joint's residual (`select_stage: base`)
-- its regularised effort fit with a pseudo-inertia matrix inequality for each link (`physical_fit.solve_direct_effort_fit`), with the nominal
-  arm as the prior and friction and rotors free; the weight of the prior is what predicts the last fifth of the log best
+- its regularised effort fit with a pseudo-inertia matrix inequality per link (`physical_fit.solve_direct_effort_fit`), with the
+  nominal arm as the prior and friction and reflected inertia free; the prior weight is chosen on the last fifth of the log
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ data = np.load(folder / "data.npz")
 model = pin.buildModelFromUrdf(str(folder / "model.urdf"))
 robot = SimpleNamespace(model=model, data=model.createData())
 n = model.nv
-# the arms have no torque offsets, so that none are fitted
+# the arms have no torque offsets, so none are fitted
 config = {"act_idxv": list(range(n)), "has_friction": True, "has_actuator_inertia": True, "has_joint_offset": False}
 config |= json.loads((folder / "joints.json").read_text())["friction"]
 standard = get_standard_parameters(model, config) | add_standard_additional_parameters(model, config)
@@ -55,13 +56,13 @@ def identified(w, tau):
 
 
 def decimated(x):
-    """Every step-th value of each column after the low pass."""
+    """Every step-th value of each column after the low-pass filter."""
     kept = np.arange(0, len(x) - len(data["taps"]) + 1, int(data["step"]))
     return np.stack([x[k : k + len(data["taps"])].T @ data["taps"] for k in kept])
 
 
 def fitted(rows, weight):
-    """theta of the effort fit to a part of the rows (n, K); None where its solver finds no optimum."""
+    """theta of the effort fit to part of the rows (K,); None if its solver finds no optimum."""
     use = fast & rows
     problem = build_problem(
         w[use], tau[use], list(standard), list(model.names[1:]), prior=np.array(list(standard.values())),

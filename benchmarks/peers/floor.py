@@ -2,10 +2,11 @@
 
   var tau_new = Y_new (sum Y^T S^-1 Y + P)^-1 Y_new^T, with S of the torque noise that the mock adds and P of the spread of the arms.
 
-The motion is taken as known exactly and the friction as without memory, so that the bound is below what can be reached. Three of them:
-the truth's form known (one factor for each link, each friction and each reflected inertia, with the spread that it was drawn from), as
-mujoco.sysid is given it; the prior of `calib identify`, which holds the errors of mass, centre of mass and inertia for independent, in place
-of that form; and all base parameters, friction and offsets free without a prior. S. Kay, Estimation Theory, 1993, chapter 3.
+The motion is taken as exactly known and friction as memoryless, so the bound is below what can be reached. There are three
+floors: the truth's form known (one factor per link, friction and reflected inertia, with the spread that it was drawn from), as
+given to mujoco.sysid; the prior of `calib identify` in place of that form, which takes the errors of mass, centre of mass and
+inertia as independent; and all base parameters, friction and offsets free without a prior. S. Kay, Estimation Theory, 1993,
+chapter 3.
 """
 
 from __future__ import annotations
@@ -52,7 +53,7 @@ def floors(nominal: Arm, truth: Arm, motion: Trajectory, new: list[Trajectory]) 
 
 
 def _fresh(rows: np.ndarray, noise: np.ndarray) -> np.ndarray:
-    """(N n - n, p): rows (N, n, p) over the noise that is new at each sample, noise (n,)."""
+    """Rows (N, n, p) over the innovation of the noise at each sample, noise (n,); shape (N n - n, p)."""
     return np.asarray(((rows[1:] - NOISE_MEMORY * rows[:-1]) / noise[:, None]).reshape(-1, rows.shape[2]))
 
 
@@ -62,7 +63,7 @@ def _inverse(information: np.ndarray) -> np.ndarray:
 
 
 def by_relative_change(arm: Arm, motion: Trajectory) -> np.ndarray:
-    """(N, n, 4 n): torque by a relative change of each link's mass, each friction and each reflected inertia."""
+    """Torque from a relative change of each link's mass, each friction and each reflected inertia, (N, n, 4 n)."""
     links = RigidBody(arm).regressor(motion.q, motion.dq, motion.ddq) * RigidBody(arm).parameters()
     masses = links.reshape(*links.shape[:2], arm.n, 10).sum(axis=3)
     base = predict(arm, motion)
@@ -71,7 +72,7 @@ def by_relative_change(arm: Arm, motion: Trajectory) -> np.ndarray:
 
 
 def _doubled(arm: Arm) -> Iterator[Arm]:
-    """The arm with one number of one effect twice as large, for each of them."""
+    """The arm with one parameter of one effect doubled, for each of them."""
     for item in arm.effects:
         for key, value in item.parameters.items():
             yield with_effect(arm, replace(item, parameters={**item.parameters, key: 2 * value}))

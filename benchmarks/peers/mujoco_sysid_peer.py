@@ -1,9 +1,10 @@
-"""mujoco.sysid on one problem: FOLDER has model.xml and data.npz; writes mujoco_sysid.json. Runs in the peers' environment.
+"""mujoco.sysid on one problem: reads FOLDER with model.xml, joints.json and data.npz; writes mujoco_sysid.json.
 
-The log is cut into chunks of 0.2 s, which is what its `SystemTrajectory.split` is for: each begins at the measured state (positions and
-speeds smoothed), so that the error of one open-loop rollout does not grow over the whole log. A link's inertia is scaled with its mass, as
-`apply_body_mass_ipos(rot_inertia_scale=True)` does, and parameters are scaled by their columns (`x_scale="jac"`), which its warning about
-conditioning advises. Bounds of a tenth to ten times the nominal value.
+Runs in the peers' environment. The log is cut into chunks of 0.2 s, the purpose of its `SystemTrajectory.split`. Each chunk
+begins at the measured state (smoothed positions and speeds), so that the error of one open-loop rollout does not grow over the
+whole log. A link's inertia scales with its mass, as `apply_body_mass_ipos(rot_inertia_scale=True)` does. Parameters are scaled
+by their columns (`x_scale="jac"`), as its warning about conditioning advises. Bounds are a tenth to ten times the nominal
+value.
 """
 
 from __future__ import annotations
@@ -61,12 +62,12 @@ for first in range(0, len(t) - length, length):
     measured.append(sysid.TimeSeries.from_names((t[part] - t[first])[1:], readings[part][1:], model))
 names = [f"chunk {k}" for k in range(len(states))]
 sequences = sysid.ModelSequences("arm", spec, names, states, controls, measured)
-# the default divides by each chunk's own size, which is zero where a joint still stands: here by that of the whole log
+# the default divides by each chunk's own size, which is zero while a joint stands still; this uses the whole log
 scale = readings.std(axis=0)
 
 
 def residual_of(params, predicted, measured, model, return_pred_all, state=None, sensor_weights=None):
-    """Differences of every chunk, as shares of the signal's standard deviation."""
+    """Differences of every chunk over the standard deviation of the signal."""
     predicted = predicted.resample(measured.times)
     return (measured.data - predicted.data) / scale, predicted, measured
 

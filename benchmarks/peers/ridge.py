@@ -1,7 +1,8 @@
-"""Ridge regression around the nominal arm, the least that anybody would do: the baseline of the comparison.
+"""Ridge regression around the nominal arm, the simplest reasonable method: the baseline of the comparison.
 
-theta = theta_0 + argmin |W d - (tau - W theta_0)|^2 / sigma^2 + |d / (s scale)|^2 over links, rotors, viscous and dry friction, with one
-s, from the last fifth of the log, for all parameters; scale is the nominal size of a parameter's kind at its link.
+theta = theta_0 + argmin |W d - (tau - W theta_0)|^2 / sigma^2 + |d / (s scale)|^2 over links, reflected inertia, viscous and
+dry friction. One s for all parameters is chosen on the last fifth of the log; scale is the nominal size of a parameter's kind
+at its link.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ SHARES = (0.003, 0.01, 0.03, 0.1, 0.3, 1.0)
 
 
 def columns(arm: Arm, motion: Trajectory) -> np.ndarray:
-    """(N, n, 13 n): links, rotors, viscous and dry friction."""
+    """Columns of links, reflected inertia, viscous and dry friction, (N, n, 13 n)."""
     own = [np.einsum("nj,jk->njk", x, np.eye(arm.n)) for x in (motion.ddq, motion.dq, np.sign(motion.dq))]
     return np.concatenate([RigidBody(arm).regressor(motion.q, motion.dq, motion.ddq), *own], axis=2)
 

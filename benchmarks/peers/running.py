@@ -1,4 +1,4 @@
-"""The peers' estimates on one log, each in a process of its own."""
+"""The peers' estimates on one log, each in its own process."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ SYMBOL = {"viscous": "viscous", "coulomb": "coulomb", "rotor": "inertia"}
 def peers_on(
     folder: Path, nominal: Arm, log: Log, m: Measurement, new: list[Trajectory], out: dict[str, Any], first: bool
 ) -> dict[str, list[np.ndarray]]:
-    """Predictions of figaroh and mujoco.sysid on the new motions; what they took goes to `out`."""
+    """Predictions of figaroh and mujoco.sysid on the new motions; their times go into `out`."""
     (folder / "model.urdf").write_text(urdf_text(nominal))
     (folder / "model.xml").write_text(plant_text(nominal, ONE_STEP))
     (folder / "joints.json").write_text(
@@ -91,7 +91,7 @@ def _predicted(nominal: Arm, values: dict[str, float], motion: Trajectory) -> np
 
 
 def friction_by_name(arm: Arm) -> dict[str, list[float]]:
-    """By figaroh's names the nominal friction and rotor of every joint."""
+    """Nominal friction and reflected inertia of every joint, by figaroh's names."""
     named = {"fv": "viscous", "fs": "coulomb", "Ia": "rotor"}
     found = {k: [arm.effect(KINDS[v], j) for j in arm.joint_names] for k, v in named.items()}
     return {k: [e.parameters[SYMBOL[named[k]]] for e in items if e is not None] for k, items in found.items()}

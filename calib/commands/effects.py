@@ -50,8 +50,8 @@ def _describe(effect: Effect) -> None:
 
     console.say(f"{effect.name}: {effect.summary}")
     console.say(f"  law         {effect.law}.")
-    for other in effect.forms():
-        console.say(f"  other law   {other.law}.")
+    for law in dict.fromkeys(other.law for other in effect.forms()):
+        console.say(f"  other law   {law}.")
     console.say(f"  looks like  {effect.looks}")
     if effect.experiment:
         console.say(f"  shown by    {effect.experiment}")
@@ -73,7 +73,7 @@ def _plain(effect: Effect) -> dict[str, object]:
         "scope": effect.scope,
         "summary": effect.summary,
         "law": effect.law,
-        "other_laws": [other.law for other in effect.forms()],
+        "other_laws": list(dict.fromkeys(other.law for other in effect.forms())),
         "looks": effect.looks,
         "experiment": effect.experiment or None,
         "reference": effect.reference,

@@ -69,7 +69,7 @@ def page() -> str:
         "",
     ]
     for effect in EFFECTS:
-        others = "; ".join(f"`{law.law}`" for law in effect.forms())
+        others = "; ".join(dict.fromkeys(f"`{law.law}`" for law in effect.forms()))
         lines += [
             f"## {effect.name}",
             "",
