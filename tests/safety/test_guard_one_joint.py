@@ -43,7 +43,7 @@ def test_a_motion_that_begins_elsewhere(
     driver: PerfectDriver, arm: Arm, cell: Cell, clearance: Clearance, cleared: ClearedTrajectory, joint: int
 ) -> None:
     driver.q = HOME + only(joint, 0.02)
-    with pytest.raises(SafetyStop, match=f"from where {arm.joint_names[joint]} is"):
+    with pytest.raises(SafetyStop, match=f"away from the position of {arm.joint_names[joint]}"):
         guard_of(driver, arm, cell, clearance).run(cleared, "friction")
     assert driver.sent == []
 
