@@ -1,4 +1,4 @@
-# Needs Python 3.11 or newer, make, and a package index. Everything else goes into .venv.
+# Needs Python 3.11 or newer, make and a package index. Everything else is installed into .venv.
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
@@ -7,58 +7,58 @@ BIN := $(VENV)/bin
 
 $(VENV)/ready: pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
-	# modules are compiled when they are first imported; to compile them all takes a third of an installation
+	# --no-compile: compiling every module would take a third of the installation time; they compile on first import
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile -c constraints.txt -e ".[dev]"
 	touch $@
 
-demo: $(VENV)/ready  ## the whole story on the mock arm
+demo: $(VENV)/ready  ## all steps on the mock arm
 	$(BIN)/calib demo
 
-# these take hundreds of megabytes and compile most kernels: in processes of their own, which end with them
+# these take hundreds of megabytes and compile most kernels, so they run in processes of their own
 LARGE := tests/calib/test_claims.py tests/safety/test_execution.py tests/safety/test_tube.py
 
-test: $(VENV)/ready  ## the tests that CI runs, in two processes; the drivers', which keep real time and mostly wait, after the others, in three
+test: $(VENV)/ready  ## the tests that CI runs; the drivers' tests run last, because they keep real time
 	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder $(LARGE)
 	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder $(LARGE:%=--ignore=%) --ignore=tests/drivers
 	$(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder -r R tests/drivers
 
-test-docs: $(VENV)/ready  ## every command block of README and docs, in the order of a reader
+test-docs: $(VENV)/ready  ## every command block of README and docs, in reading order
 	$(BIN)/python -m pytest -m slow tests/test_docs.py
 
 test-slow: $(VENV)/ready  ## fuzzing, mutation, long soaks
 	$(BIN)/python -m pytest -m slow
 
-fuzz: $(VENV)/ready  ## files made to do harm: mutants of everything that is read, at length
+fuzz: $(VENV)/ready  ## mutants of every file format that is read, at length
 	$(BIN)/python -m pytest -m slow tests/benchmarks/test_hostile.py tests/logs/test_hostile.py
 
-mutants: $(VENV)/ready  ## every predicate of safety/ mutated, one after another; cut off, it goes on where it was (build/mutants.jsonl)
+mutants: $(VENV)/ready  ## mutate every predicate of safety/; resumes from build/mutants.jsonl
 	MUTANTS=build/mutants.jsonl $(BIN)/python -m pytest -m slow tests/safety/test_mutated_predicates.py
 
-faults: $(VENV)/ready  ## every fault injected 200 times, ten minutes of them at a time; the next run goes on where this one ends
+faults: $(VENV)/ready  ## inject every fault 200 times; ten minutes per run, the next run resumes
 	$(BIN)/python -m benchmarks faults
 
-kills: $(VENV)/ready  ## 300 kills of the recording and the control process, ten minutes of them at a time; the next run goes on
+kills: $(VENV)/ready  ## kill the recording and the control process 300 times; ten minutes per run, the next run resumes
 	$(BIN)/python -m benchmarks kills
 
-wrong: $(VENV)/ready  ## 500 wrong recordings through every command, ten minutes of them at a time; the next run goes on
+wrong: $(VENV)/ready  ## give 500 wrong recordings to every command; ten minutes per run, the next run resumes
 	$(BIN)/python -m benchmarks wrong_commands
 
-hostile: $(VENV)/ready  ## 10,000 mutated files, readings and arguments through every command, ten minutes of them at a time; the next run goes on
+hostile: $(VENV)/ready  ## give 10,000 mutated files, readings and arguments to every command; ten minutes per run, the next run resumes
 	$(BIN)/python -m benchmarks hostile_commands
 
-soak: $(VENV)/ready  ## half an hour of motion of each of six rough arms, ten minutes of computing at a time
+soak: $(VENV)/ready  ## half an hour of motion on each of six rough arms; ten minutes per run, the next run resumes
 	$(BIN)/python -m benchmarks soak
 
-ur-load: $(VENV)/ready  ## a UR beside two busy processes: a long recording, and each fault by its name; twelve minutes at a time
+ur-load: $(VENV)/ready  ## a UR on a busy computer: a long recording, and every fault; twelve minutes per run, the next run resumes
 	$(BIN)/python -m benchmarks ur_load
 
-branches: $(VENV)/ready  ## every branch of safety/, its child processes included
+branches: $(VENV)/ready  ## branch coverage of safety/, including its child processes
 	$(BIN)/python -m coverage erase
 	$(BIN)/python -m coverage run -m pytest tests/safety -m "slow or not slow" --ignore=tests/safety/test_mutated_predicates.py --ignore=tests/safety/test_mutants.py
 	$(BIN)/python -m coverage combine --quiet
 	$(BIN)/python -m coverage report
 
-check: $(VENV)/ready  ## style, types, direction of imports
+check: $(VENV)/ready  ## style, types, import directions
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
@@ -68,48 +68,48 @@ format: $(VENV)/ready
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
 
-docs: $(VENV)/ready  ## the site, in build/site; first the pages that are derived from the catalogue
+docs: $(VENV)/ready  ## the generated pages, then the site in build/site
 	$(BIN)/python -m calib.report.catalogue docs
 	$(BIN)/python -m calib.terminal.cheat_sheet docs
 	$(BIN)/zensical build --strict
 
-figures: $(VENV)/ready  ## README and docs built from results/, and which results are outdated
+figures: $(VENV)/ready  ## rebuild the tables of README and docs from results/; list outdated results
 	$(BIN)/python -m benchmarks.figures
 
-bench: $(VENV)/ready  ## the measured figures, one table; writes results/
+bench: $(VENV)/ready  ## measure the fast figures; writes results/
 	$(BIN)/python -m benchmarks
 
-real: $(VENV)/ready  ## the recordings of real arms in ARM_CALIB_DATA, identified, diagnosed and predicted; writes results/real.json
+real: $(VENV)/ready  ## identify and diagnose the recordings of real arms in ARM_CALIB_DATA; writes results/real.json
 	$(BIN)/python -m benchmarks.real
 
-exam: $(VENV)/ready  ## 300 blind cases, and effects in real recordings where ARM_CALIB_DATA is set; hours. EXAM="--jobs 2 --keep"
+exam: $(VENV)/ready  ## 300 blind cases, and effects in real recordings if ARM_CALIB_DATA is set; takes hours; EXAM="--jobs 2 --keep"
 	$(BIN)/python -m benchmarks.exam run --count 300 --final $(EXAM)
 	$(BIN)/python -m benchmarks.exam real
 
-exam-quick: $(VENV)/ready  ## the first 25 of them
+exam-quick: $(VENV)/ready  ## the first 25 cases
 	$(BIN)/python -m benchmarks.exam run --count 25 $(EXAM)
 
-peers:  ## figaroh and mujoco.sysid in an environment of their own, for `make bench` to measure beside us
+peers:  ## install figaroh and mujoco.sysid into their own environment, for comparison by `python -m benchmarks peers`
 	$(PYTHON) -m venv .venv-peers
 	.venv-peers/bin/python -m pip install --quiet --disable-pip-version-check "figaroh==1.0.2" "mujoco[sysid]==4.0.0"
 
-coverage: $(VENV)/ready  ## whether stated uncertainties are true: 50 arms on the mock, 200 by formula; some ten minutes
+coverage: $(VENV)/ready  ## coverage of the stated intervals: 50 arms on the mock, 200 by formula; about ten minutes
 	$(BIN)/python -m benchmarks coverage
 
 $(VENV)/arms: $(VENV)/ready
 	$(BIN)/python -m pip install --quiet --no-deps "example-robot-data==6.0.0"
 	touch $@
 
-arms: $(VENV)/arms  ## 29 published arms through the whole line on the mock, half an hour of them at a time; writes results/arms.json
+arms: $(VENV)/arms  ## 29 published arms through all steps on the mock; half an hour per run, the next run resumes
 	$(BIN)/python -m benchmarks arms
 
-# one of each maker, and those of which a fact has to be given
+# one of each maker, and those that need a fact that their file does not state
 EACH := z1 talos_left tiago tiago_pro_left baxter_left centauro_left kinova_j2s6s200 ur5 xarm7 pr2_right romeo_right icub_right double_pendulum
-test-arms: $(VENV)/arms  ## one arm of each maker as far as `calib arm new`, two more through the whole line; some minutes
+test-arms: $(VENV)/arms  ## `calib arm new` on one arm of each maker, all steps on two more; some minutes
 	$(BIN)/python -m benchmarks.arms --new $(EACH)
 	$(BIN)/python -m benchmarks.arms so101 panda
 
-player:  ## rebuild the 3D player of plan.html from its source; needs Node.js, which nothing else here does
+player:  ## rebuild the 3D player from its source; the only target that needs Node.js
 	cd calib/report/web && npm ci && npm run build
 	cd calib/report/web && sha256sum player.js package-lock.json > ../assets/player.sha256
 
