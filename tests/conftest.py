@@ -1,4 +1,4 @@
-"""Before any test: numerical libraries get one thread, as the program gives them, or two busy processors spend most of their time waiting."""
+"""Set-up before any test. Numerical libraries get one thread, as in the program; with more, two busy processors mostly wait."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ for name in ONE_THREAD:
     os.environ.setdefault(name, "1")
 
 
-# in two processes these would otherwise be begun last, and one would wait for the other
+# with two processes, these could otherwise start last, and one process would wait for the other
 LONG = (
     "can_servo/test_monitor_process.py",
     "can_servo/test_recorded.py",
@@ -34,23 +34,23 @@ LONG = (
 
 STATM = Path("/proc/self/statm")
 MUCH = 10_000  # pages: 40 MB
-_least = 0  # pages in memory when they were given back last
+_least = 0  # resident pages after memory was last returned
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """The files above come first; `make test` has xdist keep this order."""
+    """Run the files in LONG first; `make test` has xdist keep this order."""
     items.sort(key=lambda item: not item.path.as_posix().endswith(LONG))
 
 
 def pytest_collection_finish() -> None:
-    """What importing and collecting made stays to the end, half a million objects: the collector looks at it no more."""
+    """Exempt the half million objects of imports and collection from garbage collection: they live to the end."""
     _set_aside()
     _give_back()
 
 
 @pytest.fixture(scope="module", autouse=True)
 def freed() -> Iterator[None]:
-    """What the tests of a file let go of goes back to the system: the C library would keep it, scattered, for each file more."""
+    """Return the memory released by a file's tests to the system. The C library would keep it, and more with every file."""
     yield
     _set_aside()
     _give_back()
@@ -58,7 +58,7 @@ def freed() -> Iterator[None]:
 
 @pytest.fixture(autouse=True)
 def trimmed() -> Iterator[None]:
-    """So does what one test lets go of, if it is much: the next test's would come on top of it."""
+    """Return memory also after a test that leaves more than MUCH, before the next test adds to it."""
     yield
     if _resident() > _least + MUCH:
         _give_back()
@@ -66,19 +66,22 @@ def trimmed() -> Iterator[None]:
 
 def _give_back() -> None:
     global _least
-    trim = getattr(ctypes.CDLL(None), "malloc_trim", None)  # glibc's alone
+    trim = getattr(ctypes.CDLL(None), "malloc_trim", None)  # only in glibc
     if trim is not None:
         trim(0)
     _least = _resident()
 
 
 def _resident() -> int:
-    """Pages of this process in memory; 0 where no file tells them."""
+    """Resident pages of this process; 0 without STATM."""
     return int(STATM.read_text().split()[1]) if STATM.exists() else 0
 
 
 def _set_aside() -> None:
-    """Not what lives now, if something is set aside already: a test's leak has to be found. Real time, tested here, puts all back."""
+    """Collect garbage, then freeze what is alive unless something is frozen already: a leak in a test must still be found.
+
+    The tests of `safety.realtime` unfreeze everything.
+    """
     gc.collect()
     if gc.get_freeze_count() == 0:
         gc.freeze()

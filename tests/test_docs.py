@@ -1,4 +1,4 @@
-"""What README and docs say to type works; what they link to exists; what is derived from the catalogue is up to date."""
+"""Commands in README and docs work, links lead somewhere, and what is derived from the catalogue is up to date."""
 
 import json
 import os
@@ -23,9 +23,9 @@ from sim.effects import EFFECTS
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
-# commands that the pages tell of before the program has them
+# commands that the pages describe before the program has them
 AWAITED = {"diagnose", "watch"} - set(COMMANDS)
-# pages whose blocks build on one another, in the order in which a reader goes through them
+# pages whose blocks build on one another, in reading order
 STORY = ["README.md", "tutorial.md", "python.md", "add-an-arm.md"]
 _BLOCK = re.compile(r"(?:<!-- (?P<note>[^>]*) -->\n)?```(?P<language>\w+)\n(?P<text>.*?)```", re.DOTALL)
 
@@ -62,7 +62,7 @@ def calls() -> list[tuple[Block, list[str]]]:
 
 @pytest.fixture(scope="module")
 def reader(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder of someone who reads along, with `calib` on the path."""
+    """Folder of a reader who types along, with `calib` on the path."""
     folder = tmp_path_factory.mktemp("reader")
     (folder / "bin").mkdir()
     program = folder / "bin" / "calib"

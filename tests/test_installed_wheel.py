@@ -1,4 +1,4 @@
-"""The wheel, installed and used outside the checkout: shipped arms and cells travel inside it."""
+"""The wheel works when installed outside the checkout, and contains the shipped arms and cells."""
 
 import json
 import os
@@ -22,7 +22,7 @@ def installed(tmp_path_factory):
     python = home / "venv" / "bin" / "python"
     site = next((home / "venv" / "lib").glob("python*")) / "site-packages"
     run([sys.executable, "-m", "pip", "install", "-q", "--no-deps", "--no-index", "--target", str(site), str(wheel)], home)
-    # the dependencies of this environment, but not a checkout that it may have been pointed at
+    # adds the dependencies of this environment; the wheel comes before a checkout that is installed there
     (site / "dependencies.pth").write_text(f"import site; site.addsitedir({sysconfig.get_paths()['purelib']!r})\n")
     return home, python
 

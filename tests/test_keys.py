@@ -1,4 +1,4 @@
-"""Every key of a file that people write stands in a table of the page that describes the file."""
+"""Every key of a hand-written file is in a table of the page that describes it, and so is a default that is a number."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ WHERE: dict[type[BaseModel], str] = {
     CellTable: "keys.md", ArmTable: "keys.md", UrOptions: "keys.md", MockOptions: "keys.md", ReplayOptions: "keys.md",
     UrEmulation: "keys.md", CanOptions: "first-day-can.md",
 }  # fmt: skip
-# gains of zero that a cell file may leave out for an ODrive alone
+# default gains of 0, which a cell file may leave out only for an ODrive
 NEEDED = {(ServoTable, "kp"), (ServoTable, "kd")}
 
 
 def tables(kind: Any) -> Iterator[type[BaseModel]]:
-    """The table and those that stand in it."""
+    """The table and the tables nested in it."""
     if isinstance(kind, type) and issubclass(kind, BaseModel):
         yield kind
         for field in kind.model_fields.values():
@@ -39,7 +39,7 @@ def tables(kind: Any) -> Iterator[type[BaseModel]]:
 
 
 def keys(schema: type[BaseModel]) -> dict[str, list[tuple[type[BaseModel], Any]]]:
-    """Key -> the tables that have it and its default; without the keys that only open another table."""
+    """Key -> the tables that have it, with its default; without keys that only open another table."""
     out: dict[str, list[tuple[type[BaseModel], Any]]] = {}
     for table in tables(schema):
         for name, field in table.model_fields.items():
@@ -48,7 +48,7 @@ def keys(schema: type[BaseModel]) -> dict[str, list[tuple[type[BaseModel], Any]]
     return out
 
 
-def told(page: str) -> dict[str, list[str]]:
+def rows_naming(page: str) -> dict[str, list[str]]:
     """Key -> the rows of the page's tables that name it."""
     out: dict[str, list[str]] = {}
     for row in (DOCS / page).read_text(encoding="utf-8").splitlines():
@@ -59,12 +59,12 @@ def told(page: str) -> dict[str, list[str]]:
 
 @pytest.mark.parametrize("schema", WHERE, ids=lambda s: s.__name__)
 def test_every_key_stands_in_a_document(schema: type[BaseModel]) -> None:
-    assert keys(schema).keys() - told(WHERE[schema]).keys() == set()
+    assert keys(schema).keys() - rows_naming(WHERE[schema]).keys() == set()
 
 
 @pytest.mark.parametrize("schema", WHERE, ids=lambda s: s.__name__)
 def test_a_default_that_is_a_number_is_the_stated_one(schema: type[BaseModel]) -> None:
-    rows, wrong = told(WHERE[schema]), {}
+    rows, wrong = rows_naming(WHERE[schema]), {}
     for key, owners in keys(schema).items():
         for table, value in owners:
             number = isinstance(value, int | float) and not isinstance(value, bool) and (table, key) not in NEEDED

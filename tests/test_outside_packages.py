@@ -1,4 +1,4 @@
-"""Three packages of strangers, built and installed by pip beside the program: a driver, an effect and an arm that all commands know."""
+"""Third-party packages installed by pip: commands find their driver, effect and arm, and report one that is broken."""
 
 import json
 import os
@@ -59,7 +59,7 @@ CHECK = "from calib.testing import assert_kept, check_effect; assert_kept(check_
 
 @pytest.fixture(scope="module")
 def outside(tmp_path_factory):
-    """An environment in which the packages are installed, and a function that runs a command there."""
+    """Return a function that runs Python in an environment in which the packages are installed."""
     home, site = tmp_path_factory.mktemp("outside"), tmp_path_factory.mktemp("site")
     servo = shipped_configs() / "arms" / "servo6"
     arm = {f.name: f.read_text().replace('name = "servo6"', 'name = "their_arm"') for f in servo.iterdir() if f.is_file()}

@@ -1,4 +1,4 @@
-"""Documents and messages keep to the words of docs/style.md, and the glossary is in order."""
+"""Documents and messages follow docs/style.md; the glossary, class names, file lengths and imports follow the rules."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ PACKAGES = ("calib", "safety", "drivers", "logs", "sim")
 MODULES = [p for name in PACKAGES for p in sorted((ROOT / name).rglob("*.py"))]
 OURS = (*PACKAGES, "benchmarks", "tests")
 LONGEST = 250  # lines of a Python file
-# private names that tests import from another file still; each leaves this list, and none comes to it
+# private names that tests still import from another file; none may be added
 PRIVATE = {
     "calib.diagnosis.names._beyond_ordinary",
 }
@@ -30,7 +30,7 @@ def rules() -> dict[str, str]:
 
 
 def messages(module: Path) -> Iterator[tuple[int, str]]:
-    """Line and text of every string of a module that a person may read: two words or more, and no docstring but a command's."""
+    """Line and text of every string that a person may read: two words or more, and no docstring except a command's."""
     tree = ast.parse(module.read_text(encoding="utf-8"))
     silent = set()
     shown = "commands" in module.parts
@@ -86,7 +86,7 @@ def test_the_glossary_is_in_order_and_says_each_word_once() -> None:
 
 
 def test_a_class_name_means_one_thing() -> None:
-    """In the packages; emulated devices are called as their drivers are."""
+    """In the packages, without emulated devices, whose classes are named like those of their drivers."""
     at: dict[str, list[str]] = {}
     for module in MODULES:
         if "emulated" in module.parts:
@@ -104,7 +104,7 @@ def test_a_file_has_one_idea_s_length() -> None:
 
 
 def private_names(file: Path) -> Iterator[str]:
-    """Private names of other files of ours that a file imports; of a program's file also those that it takes from a module."""
+    """Private names that a file imports from our other files; outside tests, also those used as attributes of imports."""
     tree, imported = ast.parse(file.read_text(encoding="utf-8")), {}
     for node in ast.walk(tree):
         if isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] in OURS:
@@ -118,7 +118,7 @@ def private_names(file: Path) -> Iterator[str]:
 
 
 def test_no_file_imports_a_private_name_of_another() -> None:
-    """The program's files none at all, the tests none but those listed."""
+    """Tests may import those in PRIVATE, other files none."""
     files = [p for name in OURS for p in sorted((ROOT / name).rglob("*.py"))]
     found = {p.relative_to(ROOT).as_posix(): names for p in files if (names := set(private_names(p)))}
     assert {file: names for file, names in found.items() if not file.startswith("tests/") or names - PRIVATE} == {}

@@ -1,4 +1,4 @@
-"""The blind cases: their physics is right and their own, they come again from their seed, and answers are assessed as promised."""
+"""The blind cases: their rigid dynamics are right, no code under test makes their truth, and a seed reproduces every case."""
 
 from __future__ import annotations
 
@@ -96,7 +96,7 @@ def test_a_case_comes_again_and_reads(tmp_path: Path) -> None:
 
 
 def test_an_effect_adds_its_torque_to_a_recorded_motion(tmp_path: Path) -> None:
-    """A spring and a gain, in currents: constant (k (q - rest)) / K_t more, and all of it scaled."""
+    """A spring adds k (q - rest) / K_t to the current; a gain then scales the whole reading."""
     from benchmarks.exam import motions
     from benchmarks.exam.real import bare
 

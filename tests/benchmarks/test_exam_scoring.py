@@ -1,4 +1,4 @@
-"""Answers of the exam are scored against truths as the bars define it, and recorded with the whole matrix."""
+"""Exam answers are scored against the truth as the bars define, and recorded with the whole confusion matrix."""
 
 from __future__ import annotations
 

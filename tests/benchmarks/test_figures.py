@@ -1,4 +1,4 @@
-"""README and docs hold the numbers of the results files and no other measured number."""
+"""README and docs show the numbers of the results files and no other measured numbers."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ STRICT = ("README.md", "index.md", "figures.md")
 CODE = re.compile(r"```.*?```|`[^`\n]*`|\]\([^)]*\)|^ {4}.*$", re.DOTALL | re.MULTILINE)
 UNIT = r"(?:%|CPU s|s|ms|us|µs|MB|GB|kB|min|minutes|seconds|hours|kg|N m|mrad|deg|mm|m|A|Hz|times|of \d+)"
 QUANTITY = re.compile(rf"(?<![\w.-])\d[\d.,  ]*\s?{UNIT}(?![\w-])")
-# on every page: what can only have been measured
+# refused on every page: numbers that must have been measured
 MEASURED = re.compile(
     r"±\s?\d|\bp99|\bp50|load average|\bmedian\b[^.]*\d|measured(?: at| as)? \d|\d+ of \d+ (?:cases|runs|arms|logs|sessions)"
 )
 
 
 def prose(page: Path) -> str:
-    """A page without the tables that are built, without code and links."""
+    """Text of a page without generated tables, code and links."""
     return CODE.sub(" ", figures.BLOCK.sub(" ", page.read_text(encoding="utf-8")))
 
 

@@ -1,4 +1,4 @@
-"""The floor beside the peers is what the best estimator of known form reaches."""
+"""The floor shown beside the peers equals the RMS error of a Bayesian estimator that knows the truth's form."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Jobs in forked children: an answer comes back, and a crash, a hang or a library's words are seen."""
+"""Jobs in forked children: results are returned, and a crash, a hang or a library's output is reported."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whatever a file holds, it is read or refused in one sentence, and nothing is written outside the folder that was requested."""
+"""Any file is read or refused in one sentence, and nothing is written outside the requested folder."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The mutated inputs reach every command, and a fault of a command is seen."""
+"""Mutated inputs reach every command, and a fault of a command is counted."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from benchmarks.hostile_changes import changed, log_of, words_of
 from benchmarks.hostile_inputs import CASES
 from calib.main import COMMANDS
 
-LEFT_OUT = {"init"}  # it would ask a mutated address
+LEFT_OUT = {"init"}  # it would contact a mutated address
 
 
 def test_every_command_has_mutants() -> None:

@@ -1,4 +1,4 @@
-"""The table of dependencies: each has a sentence, and costs what would go with it."""
+"""The table of dependencies: each has a description, and its cost includes what only it needs."""
 
 from __future__ import annotations
 

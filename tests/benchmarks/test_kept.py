@@ -1,4 +1,4 @@
-"""Work in slices: nothing that was found is computed again, nothing of other sources is taken for found."""
+"""Work in slices: stored findings are not computed again, and findings of other code or inputs are not used."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`make bench`: what every topic is given when none is named is what it takes."""
+"""`make bench`: the default options fit the signature of every topic, and a topic that fails does not stop the others."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def test_a_topic_that_fails_is_reported_and_takes_no_other_with_it(
     )
     monkeypatch.setattr(results, "FOLDER", tmp_path / "results")
     for key, value in ONE_THREAD.items():
-        monkeypatch.setenv(key, value)  # what main sets is taken back afterwards
+        monkeypatch.setenv(key, value)  # so that what main sets is undone after the test
     for name, module in (("first", SimpleNamespace(run=broken)), ("second", whole)):
         monkeypatch.setitem(sys.modules, f"benchmarks.{name}", module)
         monkeypatch.setitem(TOPICS, name, {})

@@ -1,4 +1,4 @@
-"""The score of real recordings: an error of known size comes out at that size, and a recording is cut where it says."""
+"""The score of real recordings: a known error is reported at its true size, and a recording is cut at the requested times."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from benchmarks.real_sets import ALL
 
 RATE, SECONDS, CUTOFF = 200.0, 12.0, 8.0
 T = np.arange(0.0, SECONDS, 1 / RATE)
-# still for a second, in motion for ten, still again
+# at rest for a second, in motion for ten, then at rest again
 SPEED = np.where((T > 1) & (T < 11), 1.0, 0.0)
 
 
@@ -26,7 +26,7 @@ def recording(tmp_path: Path) -> Path:
 
 
 def prediction(folder: Path, error: np.ndarray, skip: int = 0) -> Path:
-    """prediction.csv of two joints whose prediction is off by `error` (N, 2); `skip`: every so many rows are missing."""
+    """Write prediction.csv of two joints with prediction errors `error` (N, 2). With `skip`, one row in `skip` is missing."""
     file = folder / "prediction.csv"
     tau = np.column_stack([10 * np.sin(2 * T), 4 * np.cos(3 * T)])
     rows = np.column_stack([T, tau, tau - error])
@@ -46,7 +46,7 @@ def test_an_error_below_the_cutoff_counts_in_full_and_one_above_it_does_not(tmp_
 
 
 def test_only_samples_in_motion_count(tmp_path: Path, recording: Path) -> None:
-    """An error of 100 N m before the first motion, one of 1 N m in it."""
+    """The error is 100 N m before the motion and 1 N m during it."""
     error = np.where(T < 0.6, 100.0, 1.0)[:, None] * np.ones(2)
     e, _ = errors(prediction(tmp_path, error), recording, CUTOFF)
     np.testing.assert_allclose(np.sqrt(np.mean(e**2, axis=0)), 1.0, rtol=0.01)

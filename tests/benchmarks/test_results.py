@@ -1,4 +1,4 @@
-"""A results file holds what was measured, with what and when; a wrong row is refused."""
+"""A results file holds the measured rows and the code that they depend on; invalid rows are refused."""
 
 from __future__ import annotations
 
@@ -109,7 +109,7 @@ def test_code_that_is_gone_outdates_it_and_is_not_measured(tmp_path: Path) -> No
 
 
 def named_paths() -> list[tuple[str, str]]:
-    """Every path of code that a benchmark names, with who names it."""
+    """(module, path) for every code path in the MEASURES of a benchmark."""
     named = []
     folder = results.ROOT / "benchmarks"
     for file in sorted(folder.rglob("*.py")):
@@ -123,7 +123,7 @@ def test_every_path_that_a_benchmark_names_exists() -> None:
     named = named_paths()
     assert {"benchmarks.demo", "benchmarks.peers.compare", "benchmarks.arms", "benchmarks.soak"} <= {who for who, _ in named}
     for _, path in named:
-        assert imports.files(path)  # ValueError names the one that does not
+        assert imports.files(path)  # ValueError names a path that does not exist
 
 
 @pytest.mark.parametrize(

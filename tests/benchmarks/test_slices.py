@@ -1,4 +1,4 @@
-"""What the sliced topics make of their findings: a miss, a false stop and a wrong name show in the rows."""
+"""Rows of the sliced topics: they count missed faults, false stops and wrong names."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def test_false_stops_and_missed_faults_of_an_arm() -> None:
 )  # fmt: skip
 def test_a_name_is_that_of_its_fault_and_of_no_other(fault: str, sentence: str) -> None:
     assert re.search(ur_load.NAMES[fault], sentence)
-    same = {"program_stopped", "second_client"}  # the wire shows the same
+    same = {"program_stopped", "second_client"}  # identical on the wire
     others = [name for name in ur_load.NAMES if name != fault and not {name, fault} <= same]
     assert not [name for name in others if re.search(ur_load.NAMES[name], sentence)]
 

@@ -7,7 +7,8 @@ from pathlib import Path
 import pytest
 
 HERE = Path(__file__).parent
-# with a device behind a socket, a pseudo-terminal or a process of its own, whose deadlines run on whatever holds the processor
+# tests of a device behind a socket or a pseudo-terminal or in another process: deadlines run on while something else has the
+# processor
 WALL_CLOCK = (
     "can_servo/test_listener.py",
     "can_servo/test_monitor_process.py",
@@ -28,7 +29,10 @@ WALL_CLOCK = (
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Tests that keep the wall clock can miss it where another process holds the processor: they are tried again, and the summary names them."""
+    """Rerun tests on the wall clock, which miss a deadline if another process has the processor.
+
+    The summary names those that were rerun.
+    """
     for item in items:
         if item.path.is_relative_to(HERE) and item.path.relative_to(HERE).as_posix() in WALL_CLOCK:
             item.add_marker(pytest.mark.flaky(reruns=2, reruns_delay=2))

@@ -1,4 +1,4 @@
-"""Each check of the preflight, made to say no on the mock arm."""
+"""Each preflight check, made to fail on the mock arm."""
 
 from __future__ import annotations
 
@@ -102,7 +102,7 @@ def test_a_spring_of_the_arm_file_is_part_of_the_torque_at_rest(arm: Arm, cell: 
     sprung = with_effect(arm, spring)
     fitted = checked(sprung, cell)["torque at rest"]
     assert fitted.ok is True, fitted.detail
-    # and one that is not there is missed
+    # a spring of the arm file that the arm does not have is noticed
     with MockDriver.from_cell(cell, arm) as driver:
         driver.arm = sprung
         assert {check.name: check for check in preflight(driver, cell, 0.2)}["torque at rest"].ok is False

@@ -1,4 +1,4 @@
-"""A recording behind the driver interface gives every sample once, on a clock that runs, and refuses to move."""
+"""A recording behind the driver interface gives every sample once, on a running clock, and refuses commands."""
 
 from __future__ import annotations
 

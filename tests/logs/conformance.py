@@ -1,7 +1,7 @@
-"""The 416 files of the MCAP project's conformance suite, generated as its own generator does (github.com/foxglove/mcap, tests/conformance).
+"""The 416 files of the MCAP project's conformance suite, generated as by its own generator.
 
-Six inputs, each written with every combination of ten features that makes sense for it. DIGEST is that of the same files made with the
-project's own record builder, @mcap/core 2.2.2.
+Source: github.com/foxglove/mcap, tests/conformance. Six inputs are each written with every combination of ten features that
+makes sense for them. DIGEST is that of the same files made with the project's own record builder, @mcap/core 2.2.2.
 """
 
 from __future__ import annotations
@@ -23,7 +23,10 @@ UNPADDED = (0x02, 0x05, 0x06, 0x0F)  # footer, message, chunk, end of data
 
 @dataclass(frozen=True)
 class Input:
-    """What a file holds: schemas (id, name, encoding, data), channels (id, schema, topic, encoding, metadata), messages (sequence, log, publish)."""
+    """Content of a file.
+
+    schemas (id, name, encoding, data), channels (id, schema, topic, encoding, metadata), messages (sequence, log, publish).
+    """
 
     name: str
     schemas: tuple[tuple[int, str, str, bytes], ...] = ()
@@ -75,7 +78,7 @@ def pairs(items: tuple[tuple[str, str], ...]) -> bytes:
 
 @dataclass
 class Builder:
-    """Records one after the other; each but those of fixed extent ends in padding where that is requested."""
+    """Records in sequence. With `pad`, each ends in padding, except those in UNPADDED."""
 
     pad: bool
     data: bytearray = field(default_factory=bytearray)
@@ -171,6 +174,6 @@ def generated(content: Input, has: frozenset[str]) -> bytes:
 
 
 def digest() -> str:
-    """SHA-256 of all files, by name."""
+    """SHA-256 over the names and digests of all files, in order of name."""
     sums = {name: hashlib.sha256(generated(content, has)).hexdigest() for name, content, has in variants()}
     return hashlib.sha256("".join(f"{name} {sums[name]}\n" for name in sorted(sums)).encode()).hexdigest()

@@ -1,4 +1,4 @@
-"""Recordings as other programs write them: MCAP files by the reference writer, CSV files as ur_rtde's recorder makes them."""
+"""Recordings as other programs write them: MCAP files by the reference writer, CSV files in the form of ur_rtde's recorder."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Records the files in logs/samples/ again: `python tests/logs/record_samples.py`. Everything in them comes from simulated arms."""
+"""Record the files in logs/samples/ again: `python tests/logs/record_samples.py`. All of them come from simulated arms."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def recorded(path: Path, arm: Arm, samples: list[tuple[JointState, np.ndarray, n
 
 
 def main() -> int:
-    """A finished recording, one whose program was killed in the middle of a sample, and a CSV file as ur_rtde's recorder makes it."""
+    """Write a finished recording, one whose program was killed in the middle of a sample, and a CSV file in ur_rtde's form."""
     FOLDER.mkdir(exist_ok=True)
     servo = load_arm("servo6")
     samples = driven(servo, 8.0, seed=1)

@@ -1,4 +1,4 @@
-"""ROS bags in SQLite, and of ROS 1, by the writer of another library: the log is that of the same messages in MCAP."""
+"""ROS 2 bags in SQLite and ROS 1 bags, written by another library: the log holds exactly the values that were written."""
 
 from __future__ import annotations
 

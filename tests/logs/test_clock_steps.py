@@ -1,4 +1,4 @@
-"""A clock that was set leaves a gap in the stamps and none in the motion; lost samples leave both."""
+"""A clock that was set forward leaves a gap in the stamps but not in the motion; lost samples leave a gap in both."""
 
 from pathlib import Path
 
@@ -13,7 +13,7 @@ PERIOD, PLACE = 0.002, 1500
 
 
 def motion(t: np.ndarray, amplitude: float = 0.5) -> tuple[np.ndarray, np.ndarray]:
-    """q with an encoder's noise and dq (N, 2) of two joints."""
+    """q and dq (N, 2) of two joints, with measurement noise."""
     noise = np.random.default_rng(5).standard_normal((2, len(t), 2))
     w = np.array([2.0, 3.1])
     phase = w * t[:, None] + [0.3, 1.0]

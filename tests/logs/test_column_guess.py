@@ -1,4 +1,4 @@
-"""What columns are taken for by their names: units in and without brackets, joints by name and by number, one of several candidates."""
+"""The meaning of columns guessed from their names: units, joints by name or number, and the best of several candidates."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ WORDS = ("position", "velocity", "current")
 
 
 def table(heads: Sequence[str], t: np.ndarray | None = None) -> Table:
-    """Columns t and `heads`; those that a `d` or `vel` marks are the derivatives of those as far behind the first."""
+    """Table with a column t and a sine for each of `heads`, each 0.1 rad ahead of the one before."""
     t = 0.004 * np.arange(500) if t is None else t
     columns = {"t": t} | {name: np.sin(2 * t + 0.1 * k) for k, name in enumerate(heads)}
     return Table(columns, np.arange(len(t)))
@@ -64,7 +64,7 @@ def test_columns_of_a_channel_in_two_units_are_doubted() -> None:
 
 
 def test_texts_in_brackets_that_differ_are_joints() -> None:
-    """Even A, which is a unit of currents; but not where the units of one torque differ."""
+    """Even A, which is also a unit of current. Torque [%] and Torque [Nm] are not two joints but one torque in two units."""
     found, doubts = guessed(three("pos[{}]", "current[{}]", numbers="ABC"))
     assert (found.joints, found.channels["current"].columns, doubts) == (
         ("A", "B", "C"),
@@ -80,7 +80,7 @@ def test_texts_in_brackets_that_differ_are_joints() -> None:
 
 @pytest.mark.parametrize("pattern", ["{joint}_{word}", "{word}.{joint}", "/joint_states/{joint}/{word}", "{word}[{joint}]"])
 def test_joints_of_an_arm_by_their_names(pattern: str) -> None:
-    """In any order, in every place of the column's name, with and without the arm; the gripper is none of its joints."""
+    """In any order, anywhere in the column's name, with and without the arm. A gripper is not one of the arm's joints."""
     order = sorted(UR)
     heads = [pattern.format(joint=joint, word=word) for word in WORDS for joint in order]
     for names in (UR, None):
@@ -95,7 +95,7 @@ def test_joints_of_an_arm_by_their_names(pattern: str) -> None:
 
 
 def test_numbers_are_keys_where_joints_are_called_by_them() -> None:
-    """Not part of a name; those of an arm too, whose other channels may have the number only."""
+    """Numbers are keys of joints, not parts of a name. Torque columns of joint1 to joint3 may have only the number."""
     found, doubts = guessed([*three("q_{}", "q_err_{}", "dq_{}"), "q_norm"])
     assert found.joints == ("joint1", "joint2", "joint3")
     assert (found.channels["q"].columns, "q_err_1" in doubts) == (("q_1", "q_2", "q_3"), True)
@@ -116,7 +116,7 @@ def test_columns_in_falling_order_are_joints_in_rising_order(names: Sequence[str
 
 @pytest.mark.parametrize("other", ["state", "enc", "pos", "pos_err", "position_raw"])
 def test_the_position_of_one_drive(other: str) -> None:
-    """The one that moves as the speed says, else the one whose name is exact."""
+    """It is the column whose derivative is the speed; without a speed, the one with the exact name."""
     t = 0.004 * np.arange(500)
     parts = {"t": t, other: np.full(len(t), 3.0), "position": np.sin(2 * t), "velocity": 2 * np.cos(2 * t)}
     for columns in (parts, {name: x for name, x in parts.items() if name != "velocity"} if other != "pos" else parts):
@@ -138,7 +138,7 @@ def test_of_two_groups_the_one_with_the_arms_joints_is_taken() -> None:
 
 @pytest.mark.parametrize("digits", [3, 2])
 def test_speeds_where_stamps_are_printed_to_few_digits(digits: int) -> None:
-    """At 1 kHz ten samples have one stamp of 0.01 s: the speed is no faster for it."""
+    """At 1 kHz, ten samples share a stamp printed to 0.01 s. The unit of the speed is recognised all the same."""
     t = 0.001 * np.arange(4000)
     columns = {"t": np.floor(t * 10**digits + 1e-6) / 10**digits, "q1": np.sin(2 * t), "dq1": 2 * np.cos(2 * t)}
     found, doubts = guess_map(Table(columns, np.arange(len(t))))

@@ -1,4 +1,4 @@
-"""Every file of the MCAP project's conformance suite is read, with what it holds."""
+"""Every file of the MCAP project's conformance suite is read with all of its content."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Importing and recovering: what survives is the same to the bit, and what does not is reported."""
+"""Importing and recovering: readings that survive are bit-identical, and losses are reported."""
 
 import json
 import re

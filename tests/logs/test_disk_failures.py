@@ -48,7 +48,7 @@ def test_a_short_write_is_a_failure_and_its_half_sample_is_cut_off(tmp_path):
         recorder.close()
     data = path.read_bytes()
     assert data.startswith(whole)
-    assert data[len(whole) : len(whole) + 1] == b"\x0c"  # the note of the failure follows, a metadata record
+    assert data[len(whole) : len(whole) + 1] == b"\x0c"  # then a metadata record that notes the failure
     assert len(read_log(path, accept_partial=True)) == 10
 
 
@@ -67,7 +67,7 @@ def test_space_that_runs_low_stops_the_run_while_the_end_can_still_be_written(tm
     with pytest.raises(DeviceError, match="No space left"):
         record(recorder, 10_000)
     written = recorder.samples
-    for k in range(written + 1, written + 11):  # the stop itself is still recorded, and every write goes on saying no
+    for k in range(written + 1, written + 11):  # samples of the stop are still recorded, but every write fails
         with pytest.raises(DeviceError):
             recorder.write(sample(k), NAN, NAN, NAN)
     with pytest.raises(DeviceError):
@@ -93,7 +93,7 @@ def test_a_file_system_that_is_really_full(tmp_path):
         with pytest.raises(DeviceError):
             recorder.close()
         log = read_log(folder / "a.mcap", accept_partial=True)
-        assert len(log) == recorder.samples + 1  # the sample that reported the end is on the disk too
+        assert len(log) == recorder.samples + 1  # the sample whose write failed is on disk too
         assert len(log) > 100
     finally:
         subprocess.run(["umount", folder], check=True)

@@ -1,4 +1,4 @@
-"""Tables as other people's recorders and shells write them: units in brackets, whole nanoseconds, UTF-16."""
+"""Tables as other recorders and shells write them: units in brackets, whole nanoseconds, UTF-16."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from tests.logs.test_tables import DQ, PLAIN, TAU, WIDE, Q, T, csv_text, same, t
 
 @pytest.mark.parametrize("brackets", ["[]", "()"])
 def test_units_in_brackets_behind_a_name(tmp_path: Path, brackets: str) -> None:
-    """`q1 [deg]` is joint 1 in degrees and no joint called deg; a joint may stand in brackets all the same."""
+    """`q1 [deg]` is joint 1 in degrees, not a joint called deg. Joint names in brackets are still recognised."""
     file, (left, right) = tmp_path / "a.csv", brackets
     stems = (("angle {} ", "deg"), ("speed {} ", "°/s"), ("torque {} ", "N*mm"))
     head = f"Time {left}ms{right}," + ",".join(
@@ -33,7 +33,7 @@ def test_units_in_brackets_behind_a_name(tmp_path: Path, brackets: str) -> None:
 
 
 def test_whole_nanoseconds_since_1970(tmp_path: Path) -> None:
-    """As ROS writes them: more digits than a float64 has, which keeps a quarter of a microsecond."""
+    """ROS writes more digits than a float64 holds, which resolves a quarter of a microsecond."""
     file = tmp_path / "a.csv"
     for name in ("t", "timestamp_ns", "stamp [ns]"):
         file.write_text(
@@ -53,7 +53,7 @@ def test_utf_16_as_a_windows_shell_writes_it(tmp_path: Path) -> None:
 @pytest.mark.parametrize("before", [0, 1017, 4089])
 @pytest.mark.parametrize("encoding", ["cp1252", "utf-8"])
 def test_a_degree_sign_in_any_place_and_encoding(tmp_path: Path, encoding: str, before: int) -> None:
-    """A file is recognised by its first bytes, which may end inside a character."""
+    """The format is recognised by the first bytes of the file, which may end inside a character."""
     head = ",".join(["x" * before + "t", *(f"q{j} (°)" for j in range(3))])
     (tmp_path / "a.csv").write_text(csv_text(head, [T, *np.rad2deg(Q).T]), encoding=encoding)
     table = table_of(tmp_path / "a.csv")

@@ -1,4 +1,4 @@
-"""Files made to do harm: every one ends in BadLog, in bounded memory and time, and never in wrong values."""
+"""Hostile files: each is refused with BadLog or read without wrong values, in bounded memory and time."""
 
 import contextlib
 import io
@@ -123,7 +123,7 @@ def test_a_malformed_file_is_refused(tmp_path, name):
 
 
 def corpus(folder):
-    """Small sound files of every kind, by name."""
+    """Small valid files of every kind, by name."""
     rng = np.random.default_rng(7)
     x = np.cumsum(rng.normal(0, 1e-3, (40, 2)), axis=0)
 
@@ -161,7 +161,7 @@ WORDS = [bytes(4), b"\xff" * 4, b"\xff" * 8, bytes(8), b"\x7f", b"\x80", struct.
 
 
 def mutated(data, rng):
-    """The file with one to three changes: a flipped bit, bytes replaced, cut out, doubled or moved, or the end cut off."""
+    """The file with one to three changes: a flipped bit, bytes replaced, removed, doubled or copied, or the end cut off."""
     out = bytearray(data)
     for _ in range(rng.choice((1, 1, 1, 2, 3))):
         at = rng.randrange(len(out))
@@ -186,7 +186,7 @@ def mutated(data, rng):
 
 
 def csv_as_python_reads_it(data):
-    """Rows of the wanted columns by the plainest possible parser; None where that is not possible."""
+    """(N, 12) positions and currents, read by the simplest possible parser."""
     rows = data.removeprefix(b"\xef\xbb\xbf").decode("utf-8", errors="replace").replace('"', "").splitlines()
     names = [name.strip() for name in rows[0].split(",")]
     places = [names.index(f"{stem}_{j}") for stem in ("actual_q", "actual_current") for j in range(6)]
@@ -194,7 +194,9 @@ def csv_as_python_reads_it(data):
 
 
 def check_accepted(name, data, log, known, partial):
-    """A log that was read from a mutated file: nothing in it may differ from what the sound file, or the file's text, says."""
+    """Check the log of a mutated file: its values are those of the valid file, or of the mutated text for CSV.
+
+    After a partial read only finite and bounded positions are required, except for a journal."""
     assert np.isfinite(log.q).all()
     assert np.abs(log.q).max() <= 1e4
     if name == "csv":

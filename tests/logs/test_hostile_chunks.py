@@ -1,4 +1,4 @@
-"""A small file cannot ask for all memory or time: what unpacks to much, or holds very many messages."""
+"""A small file cannot exhaust memory or time, even if it unpacks to a large size or holds very many messages."""
 
 from __future__ import annotations
 
@@ -32,10 +32,10 @@ print(int(status.partition("VmHWM:")[2].split()[0]))
 
 
 def in_a_cage(path):
-    """What strict and partial reading say in a process with 3 GB of address space and 20 s of CPU; and its peak memory, kB.
+    """Output of strict and partial reading in a process with 3 GB of address space and 20 s of CPU, and its peak memory, kB.
 
-    The peak is the kernel's VmHWM, which starts anew with the program: ru_maxrss would be that of the whole test run, because
-    a process inherits it from the one that started it.
+    The peak is the kernel's VmHWM, which is reset when the program starts. A process inherits ru_maxrss from its parent, so
+    that would be the peak of the whole test run.
     """
     done = subprocess.run([sys.executable, "-c", CHILD, str(path)], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
@@ -86,7 +86,7 @@ def test_very_many_messages_that_each_need_the_slow_path_stay_in_bounds(tmp_path
     for k in range(10_000):
         body = bytearray(GOOD_BODY)
         body[4:8] = struct.pack("<i", k)
-        body[16:17] = bytes([rng.randrange(256)])  # the zero of the frame's name: wrong in nearly all
+        body[16:17] = bytes([rng.randrange(256)])  # zero byte that ends the frame name: wrong in nearly all messages
         records.append(message(bytes(body)))
     data = b"".join(records)
     (tmp_path / "a.mcap").write_bytes(whole(chunk(data, "zstd", zstandard.compress(data))))

@@ -1,4 +1,4 @@
-"""What we record, other people's readers read: the reference MCAP reader, mcap-ros2-support and rosbags."""
+"""Other software reads our recordings (the reference MCAP reader, mcap-ros2-support, rosbags), and we read a bag by rosbags."""
 
 import json
 from dataclasses import replace
@@ -66,14 +66,14 @@ def test_the_reference_reader_and_ros2_decoder(recording):
     np.testing.assert_array_equal([state.position for state in states], x)
     assert tuple(states[0].name) == NAMES
     assert list(states[0].effort) == []
-    assert states[5].header.stamp.sec == 1_700_000_000  # the device's own clock says 100: the stamps are put on wall time
+    assert states[5].header.stamp.sec == 1_700_000_000  # wall time, although the device clock starts at 100 s
     assert read_log(path).t_origin == 100 * 10**9
     assert states[5].header.stamp.nanosec == 10_000_000
 
 
 @pytest.mark.parametrize("base", ["base", ""])
 def test_messages_name_the_link_that_the_joints_stand_on(tmp_path, base):
-    """In the recording, in a killed one that was ended later, and in what an import makes of it; a frame that is no name is left out."""
+    """In a finished, a recovered and an imported recording. A frame that is not a valid name is left out."""
     about = About(f'<robot name="a"><link name="{base}"/><link name="upper"/></robot>' if base else "")
     x = np.zeros(3)
     for name in ("ended.mcap", "killed.mcap"):

@@ -1,4 +1,4 @@
-"""A program that is killed while it records leaves every sample that it knew to be written."""
+"""A program that is killed while recording leaves every sample whose write had returned."""
 
 import mmap
 import random
@@ -31,7 +31,7 @@ while True:
 
 
 def killed_recording(folder, delay):
-    """Samples that the killed program knew to be written, and the log that is left."""
+    """Number of samples whose write had returned when the program was killed, and the log that remains."""
     board, path = folder / "board", folder / "a.mcap"
     board.write_bytes(bytes(8))
     path.unlink(missing_ok=True)

@@ -1,4 +1,4 @@
-"""Samples lost under an even clock are found from q against dq; jitter, a slow speed reading and a clean recording are none."""
+"""Samples lost under even stamps are found from q against dq; none are found with jitter, a lagging speed or no loss."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ PERIOD = 2e-3
 
 
 def motion(t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """q, dq (N, 2) of two joints in smooth motion, with the noise of an encoder."""
+    """q, with encoder noise, and dq (N, 2) of two joints in smooth motion."""
     phase, rate = np.outer(t, [1.3, 2.1]) + np.arange(2), np.array([1.3, 2.1])
     noise = 1e-6 * np.random.default_rng(1).standard_normal(phase.shape)
     return 0.3 * np.sin(phase) + noise, 0.3 * rate * np.cos(phase)
 
 
 def counted(block: int, lost: int, samples: int = 4000) -> tuple[np.ndarray, np.ndarray]:
-    """Number of every sample that was kept of `samples`, `lost` missing after each `block`; and the even stamps that a recorder gives them."""
+    """Numbers of the samples that remain when `lost` are missing after each `block`, and the even stamps of a recorder."""
     n = np.flatnonzero(np.arange(samples) % (block + lost) < block)
     return n, PERIOD * np.arange(len(n))
 
@@ -30,7 +30,7 @@ def test_losses_are_found_where_they_are_and_as_long_as_they_are(block: int, los
     found, true = lost_time(stamps, q, dq), PERIOD * (np.diff(n) - 1)
     assert not np.any(found[true == 0])
     seen = found > 0
-    assert seen.sum() > 0.9 * (true > 0).sum()  # near its turns a motion shows no time
+    assert seen.sum() > 0.9 * (true > 0).sum()  # near a reversal the motion does not show the time
     assert np.abs(found - true)[seen].max() < 0.1 * PERIOD
 
 

@@ -1,4 +1,4 @@
-"""MCAP recordings into arrays: by name, in bulk or message by message, and what is refused."""
+"""MCAP recordings as arrays: joints by name, in bulk or message by message, and what is refused."""
 
 import io
 
@@ -28,7 +28,7 @@ def check(log, motion):
     assert log.t_origin == stamps[0]
     assert log.t_host_origin == stamps[0] + 5_000_000
     held = np.arange(len(q)) // 20 * 20
-    np.testing.assert_array_equal(log.current[:381:20], 10 * q[:381:20])  # slower readings: the line between them
+    np.testing.assert_array_equal(log.current[:381:20], 10 * q[:381:20])  # slower readings are interpolated linearly
     np.testing.assert_allclose(log.current[10:381:20], 5 * (q[:380:20] + q[20:400:20]), rtol=0, atol=1e-9)
     assert np.isnan(log.current[381:]).all()
     np.testing.assert_array_equal(log.temperature[:, 0], 30.0 + held)
@@ -177,7 +177,7 @@ def test_blocks_change_no_value_of_any_channel(tmp_path, mcap_bytes, motion, mon
 
 
 def test_messages_out_of_file_order_are_read_by_log_time(tmp_path, mcap_bytes, motion):
-    """Threads of a recorder write when they can: two messages in ten change places, and so do the official readers' results back."""
+    """The threads of a recorder may swap messages, here two in ten. As in the official readers, log time gives the order."""
     stamps, q = motion
     swapped = np.arange(len(stamps))
     swapped[3::10], swapped[4::10] = swapped[4::10].copy(), swapped[3::10].copy()

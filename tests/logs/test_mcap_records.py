@@ -1,4 +1,4 @@
-"""Records are found as the plainest loop would find them, whatever stands in the file."""
+"""Records are found as by the simplest possible loop, whatever the file contains."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from logs.mcap_records import CONTENT_LEAST, HEAD, LEAP_PERIOD, SEAL, walk
 
 
 def plainly(data: bytes) -> tuple[list[int], list[int], int]:
-    """Record after record."""
+    """Opcodes, starts and end of the records, found one after the other."""
     ops, starts, at = [], [], 0
     while at <= len(data) - HEAD.size:
         op, length = HEAD.unpack_from(data, at)
@@ -30,7 +30,7 @@ def check(data: bytes) -> int:
 
 
 def records(pattern: list[tuple[int, int]], count: int, rng: random.Random) -> bytearray:
-    """`count` records, their opcodes and lengths as in `pattern`, over and over."""
+    """`count` records whose opcodes and lengths repeat `pattern`."""
     out = bytearray()
     for k in range(count):
         op, length = pattern[k % len(pattern)]

@@ -1,4 +1,4 @@
-"""A recording with a gripper, or with a writer that stamps nothing, beside the arm: whose samples are read, and by which clock."""
+"""Recordings with a gripper beside the arm, or without stamps: which device's samples are read, and on which clock."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ Source = tuple[str, tuple[str, ...]]  # topic and joints
 
 
 def written(path: Path, sources: list[Source], count: int = 400, first: int = 0, stamped: bool = True) -> Path:
-    """Joint states of several devices, in turn; the first of them begins `first` samples before the others."""
+    """Write joint states of several devices in turn; the first of them starts `first` samples before the others."""
     stream = io.BytesIO()
     writer = Writer(stream, chunk_size=8_000)
     writer.start("ros2", "a test")

@@ -1,4 +1,4 @@
-"""Recordings in pieces: what a large file unpacked to disk says is what the reader says, errors included."""
+"""Recordings in pieces: a large file unpacked to disk gives the same samples and errors as the reader."""
 
 from __future__ import annotations
 

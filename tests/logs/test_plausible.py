@@ -1,4 +1,4 @@
-"""Which samples are damage: a jump of the position is, a burst of late stamps is not."""
+"""Damaged samples: a jump of the position is damage, a burst of late stamps is not."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ def motion(rate: float = 100.0) -> tuple[np.ndarray, np.ndarray]:
 
 @pytest.mark.parametrize("apart", [0.0, 1e-6, 1e-4])
 def test_a_burst_of_late_stamps_is_no_jump(apart: float) -> None:
-    """Five samples that a host stamped together, 30 mrad apart from one another: the motion is sound."""
+    """A host stamps five samples together, whose positions are up to 30 mrad apart. The motion is valid."""
     t, q = motion()
     late = t.copy()
     for first in range(50, 750, 100):

@@ -1,4 +1,4 @@
-"""What on a command line is a recording, by its name and by what a folder holds."""
+"""Which command-line arguments are recordings: by the suffix of a file or the content of a folder."""
 
 from __future__ import annotations
 

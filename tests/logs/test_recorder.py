@@ -1,4 +1,4 @@
-"""What is written is read, sample by sample, by us and by other readers; what cannot be recorded is refused."""
+"""Recorded samples are read back, by us and by other readers; what cannot be recorded is refused."""
 
 import json
 import struct

@@ -1,4 +1,4 @@
-"""The recording process: nothing is lost on a proper end, and every other end is seen."""
+"""The recording process: a regular end loses nothing, and every other end is reported."""
 
 import errno
 import os
@@ -71,7 +71,7 @@ with RecorderProcess(sys.argv[1], ("a",)) as recorder:
 
 def test_a_slow_disk_is_counted_and_stops_the_run(tmp_path):
     recorder = RecorderProcess(tmp_path / "a.mcap", NAMES, slots=16)
-    os.kill(recorder._process.pid, signal.SIGSTOP)  # as one that waits for its disk
+    os.kill(recorder._process.pid, signal.SIGSTOP)  # like a process that waits for its disk
     with pytest.raises(DeviceError, match="the ring of 16 is full and 1 are lost"):
         record(recorder, 1000)
     handed_over = recorder.samples
@@ -175,7 +175,7 @@ while True:
 
 @pytest.mark.parametrize("victims", ["recorder", "control", "both"])
 def test_a_kill_loses_nothing_that_was_handed_over(tmp_path, victims):
-    """400 samples to a recorder that is stopped after the first ten, as one that waits for its disk: most are in the ring when the kill comes."""
+    """The recorder is suspended after 10 of 400 samples, as if waiting for its disk, so most are in the ring at the kill."""
     path = tmp_path / "a.mcap"
     with subprocess.Popen(
         [sys.executable, "-c", BURST, str(path)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True

@@ -1,4 +1,4 @@
-"""A recording that was never ended is read up to its last whole sample, and ended once when its program is gone."""
+"""An unfinished recording is read up to its last complete sample, and is finished once after its program has gone."""
 
 import os
 import zlib
@@ -55,7 +55,7 @@ def test_a_damaged_sample_of_a_journal_ends_it(tmp_path):
 
 
 def resealed(data):
-    """The journal with the check sum of its head made anew."""
+    """The journal with the checksum of its head recomputed."""
     end = data.index(SEAL_TAG)
     head = data[len(MAGIC) : end - 9]
     return data[: end + 4] + zlib.crc32(head).to_bytes(4, "little") + data[end + 8 :]

@@ -1,4 +1,4 @@
-"""The ring loses nothing it took, counts what it did not take, and never hands out half a message."""
+"""The ring keeps every message that it accepts, counts those that it refuses, and never returns part of a message."""
 
 import os
 import random

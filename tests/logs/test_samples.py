@@ -1,4 +1,4 @@
-"""The recordings that travel with the project are read, and hold what they say."""
+"""The recordings shipped with the project are readable and hold what is expected."""
 
 import shutil
 from pathlib import Path

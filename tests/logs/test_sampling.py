@@ -1,4 +1,4 @@
-"""Jitter, repeated and lost samples are found from q against dq; a clean recording stays as it is to the bit."""
+"""Jitter and repeated or lost samples are found from q against dq; a clean recording stays bit-identical."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def motion(t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def recording(seed: int, jitter: float = 2.5e-4, lost: float = 0.05, twice: float = 0.06, seconds: float = 8.0):
-    """True instants, stamps and readings of a host that polls a 1 kHz device and at times reads a sample twice, or misses some."""
+    """True numbers, stamps and readings of samples from a 1 kHz device whose host polls some twice and misses others."""
     rng = np.random.default_rng(seed)
     n = np.arange(round(seconds / PERIOD))
     n = n[rng.random(len(n)) > lost]
@@ -44,7 +44,7 @@ def test_the_clock_behind_jittered_stamps(seed: int) -> None:
     again = int((np.diff(n) == 0).sum())
     assert again * 0.97 <= found.repeated <= again
     off = found.t - n[found.source] * PERIOD
-    # where the instants lie against the stamps is nobody's to know: a latency that is always there does not show
+    # a constant latency between sample times and stamps cannot be determined
     assert np.abs(off - np.median(off)).max() < 2e-5
     assert np.abs(np.median(off)) < 1e-4
     lost = int(n[-1] - n[0]) + 1 - len(np.unique(n))
@@ -92,13 +92,13 @@ def test_bridged_samples_are_marked_and_as_wrong_as_stated() -> None:
         assert (found.std[name][~new] == 0).all()
         assert (found.std[name][new] > 0).all()
     error = found.channels["q"][new] - truth["q"][new]
-    assert np.sqrt(np.mean((error / found.std["q"][new]) ** 2)) < 10  # the constant offset of the instants is in it
+    assert np.sqrt(np.mean((error / found.std["q"][new]) ** 2)) < 10  # includes the constant offset of the sample times
     np.testing.assert_array_equal(found.channels["q"][~new], q[found.source[~new]])
 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_stamps_that_wander_together_move_no_sample(seed: int) -> None:
-    """A busy host: for a second its stamps are late together, by two periods. The motion between samples is what counts them."""
+    """A busy host delays all stamps of a second by up to two periods. Samples are counted from the motion between them."""
     n, stamps, q, dq, tau = recording(seed, lost=0.01, twice=0.0)
     rng = np.random.default_rng(100 + seed)
     delay = np.zeros(len(n))
@@ -141,7 +141,7 @@ def test_a_standing_arm_repeats_nothing() -> None:
 
 
 def test_a_joint_that_stands_beside_a_speed_reading_tells_nothing() -> None:
-    """A position channel that froze while the drive reports a speed."""
+    """The position is frozen while the drive reports a speed."""
     t = 0.002 * np.arange(2000)
     _, q, dq = motion(t)
     q, dq = q.copy(), dq.copy()
@@ -212,7 +212,7 @@ def test_the_panda_as_published(real_data: Path) -> None:
 
 @pytest.mark.parametrize(("paused", "lost"), [(5.0, 0.0), (60.0, 0.0), (0.0, 0.3), (0.0, 1.0)])
 def test_the_clock_on_both_sides_of_a_pause(paused: float, lost: float) -> None:
-    """paused s: the recorder stood still, and so did the arm; lost s: the arm moved on."""
+    """For `paused` s recorder and arm both stood still; for `lost` s the arm moved on unrecorded."""
     n, stamps, q, dq, tau = recording(5)
     off = np.where(n * PERIOD > 4.0, paused, 0.0)
     keep = (n * PERIOD < 4.0) | (n * PERIOD > 4.0 + lost)
@@ -220,11 +220,11 @@ def test_the_clock_on_both_sides_of_a_pause(paused: float, lost: float) -> None:
     assert found.rebuilt
     assert found.period == pytest.approx(PERIOD, rel=3e-4)
     late = found.t - (n * PERIOD + off)[keep][found.source]
-    assert np.abs(late).max() < 1.5 * PERIOD  # which side of a pause is off by a period, no stamp says
+    assert np.abs(late).max() < 1.5 * PERIOD  # no stamp shows on which side of a pause the clock is off by a period
 
 
 def test_a_clock_far_from_its_stamps_is_not_written() -> None:
-    """The stamps run at two speeds, the motion at one: no clock of one period holds both."""
+    """The stamps run at two rates and the motion at one, so no clock of one period fits both."""
     n, stamps, q, dq, tau = recording(6)
     found = examine(np.where(n > 4000, 4.0 + 1.1 * (stamps - 4.0), stamps), q, dq, {"tau": tau}, bridging=False)
     assert not found.rebuilt

@@ -1,4 +1,4 @@
-"""One recording, two ways: what `read_log` says of a small file is what the pieces of a large one say, samples and refusals."""
+"""`read_log` and the pieces of a large file give the same samples and the same refusals."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ Message = tuple[str, int, int, dict[str, Any]]  # topic, stamp and log time in n
 
 
 def messages() -> list[Message]:
-    """Samples at 500 Hz with commands, and readings of the drives at instants of their own."""
+    """Samples at 500 Hz with commands, and drive readings with their own stamps."""
     out: list[Message] = []
     for k in range(COUNT):
         at = 1_700_000_000_000_000_000 + k * 2_000_000
@@ -53,7 +53,7 @@ def written(path: Path, content: list[Message], names: tuple[str, ...] = JOINTS)
 
 
 def in_state(k: int, **arrays: Any) -> Callable[[list[Message]], list[Message]]:
-    """Other arrays in the k-th sample."""
+    """Replace arrays of the k-th sample."""
 
     def change(content: list[Message]) -> list[Message]:
         at = [i for i, m in enumerate(content) if m[0] == STATES][k]
@@ -64,7 +64,7 @@ def in_state(k: int, **arrays: Any) -> Callable[[list[Message]], list[Message]]:
 
 
 def under(name: str, only: bool = False) -> Callable[[list[Message]], list[Message]]:
-    """A second arm under a namespace, of other positions; or nothing else."""
+    """Add a second arm with other positions under the namespace `name`; with `only`, remove the first."""
 
     def change(content: list[Message]) -> list[Message]:
         out: list[Message] = []
@@ -77,7 +77,7 @@ def under(name: str, only: bool = False) -> Callable[[list[Message]], list[Messa
 
 
 def swapped(content: list[Message]) -> list[Message]:
-    """Each tenth sample changes places with the one after it, as threads of a recorder write them."""
+    """Swap every tenth sample with the next one, as the threads of a recorder may."""
     at = [i for i, m in enumerate(content) if m[0] == STATES]
     for k in range(3, len(at) - 1, 10):
         content[at[k]], content[at[k + 1]] = content[at[k + 1]], content[at[k]]
@@ -85,7 +85,7 @@ def swapped(content: list[Message]) -> list[Message]:
 
 
 def shifted(by: int, first: int, last: int = COUNT) -> Callable[[list[Message]], list[Message]]:
-    """The device clock of some samples is off by so many ns; the log times go on."""
+    """Shift the device stamps of samples `first` to `last` - 1 by `by` ns; log times stay."""
 
     def change(content: list[Message]) -> list[Message]:
         k, out = -1, []
@@ -135,8 +135,8 @@ CHANGES: dict[str, Callable[[list[Message]], list[Message]]] = {
 }
 
 
-def said(read: Callable[[], Log]) -> Log | str:
-    """The log, or the refusal."""
+def outcome(read: Callable[[], Log]) -> Log | str:
+    """The log, or the text of the refusal."""
     try:
         return read()
     except BadLog as error:
@@ -157,8 +157,8 @@ def test_a_recording_is_read_the_same_whichever_way(
         (log,) = pieces.open_pieces(file, names, tmp_path / "spool", accept_partial)
         return log
 
-    whole = said(lambda: read_log(file, names, accept_partial=accept_partial))
-    part = said(unpacked)
+    whole = outcome(lambda: read_log(file, names, accept_partial=accept_partial))
+    part = outcome(unpacked)
     if isinstance(whole, str) or isinstance(part, str):
         assert part == whole
         return
@@ -171,7 +171,9 @@ def test_a_recording_is_read_the_same_whichever_way(
 
 
 def test_the_cases_are_both_read_and_refused(tmp_path: Path) -> None:
-    told = {change: said(lambda c=change: read_log(written(tmp_path / "a.mcap", CHANGES[c](messages())))) for change in CHANGES}
+    told = {
+        change: outcome(lambda c=change: read_log(written(tmp_path / "a.mcap", CHANGES[c](messages())))) for change in CHANGES
+    }
     refused = {change for change, what in told.items() if isinstance(what, str)}
     assert refused == {
         "two arms under namespaces", "two sources of commands", "swapped pairs and a bad sample", "time runs back",

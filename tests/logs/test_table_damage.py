@@ -1,4 +1,4 @@
-"""Tables that are damaged, or no recordings: refused or reported with their row, never a crash."""
+"""Damaged tables, and tables that are not recordings: refused or reported with their row, without a crash."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def test_damage_is_reported_with_its_row(tmp_path: Path) -> None:
 def test_rows_of_another_width_than_the_header(
     tmp_path: Path, change: Callable[[str, list[str]], list[str]], words: str
 ) -> None:
-    """What most rows have is no damage of a few: it is said even where damage is accepted."""
+    """A width that most rows share is not damage to a few rows. It is refused even where damage is accepted."""
     head, *rows = csv_text(PLAIN, WIDE).splitlines()
     (tmp_path / "a.csv").write_text("\n".join(change(head, rows)) + "\n")
     with pytest.raises(BadLog, match=words):

@@ -1,4 +1,4 @@
-"""Tables of other programs become logs: the same motion from every format, units and names guessed, damage reported, nothing trusted."""
+"""Tables of other programs become logs: every format gives the same motion, and names and units are guessed or mapped."""
 
 from __future__ import annotations
 

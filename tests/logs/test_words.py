@@ -1,4 +1,4 @@
-"""Signed words that were kept as unsigned ones: found where they are, and nowhere else."""
+"""Signed words stored as unsigned ones are found, and nothing else is taken for them."""
 
 from __future__ import annotations
 

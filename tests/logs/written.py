@@ -1,4 +1,4 @@
-"""Samples of a small arm and a recorder's disk that fails, for the tests of recordings."""
+"""Samples of a small arm and a disk that fails, for the tests of recordings."""
 
 import errno
 import os
@@ -26,7 +26,7 @@ def record(recorder, count, start=0):
 
 
 class CountingDisk(Disk):
-    """The real disk, with the calls counted and one of them failing from call `fail_at` on."""
+    """The real disk with its calls counted; the operation `fail` fails from its call `fail_at` on."""
 
     def __init__(self, fail="", fail_at=10**9, number=errno.EIO):
         self.calls = {"write": 0, "sync": 0, "reserve": 0}
@@ -51,7 +51,7 @@ class CountingDisk(Disk):
 
 
 def killed(path, change=lambda data: data):
-    """The journal of a recorder that is gone, without its lock."""
+    """Write the journal of a recorder that was killed and holds no lock, after `change`; return its bytes."""
     recorder = Recorder(path, NAMES)
     record(recorder, 30)
     data = change(path.read_bytes())

@@ -1,4 +1,4 @@
-"""A monitor process beside a control process that is none: what it hears is given to it."""
+"""Test rig for the monitor process: it watches a dummy control process, and the test supplies the readings."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ RATE = 50.0
 
 
 class Ear(PerfectDriver):
-    """Hears what the arm of another driver does, from the readings that it gave; None ends what is heard."""
+    """The monitor's listening driver: `heard` supplies its readings; None makes `read` raise DeviceError."""
 
     def __init__(self, arm: Arm, cell: Cell, heard: Callable[[], JointState | None]) -> None:
         super().__init__(arm, cell, RATE, MonotonicClock())
@@ -59,7 +59,7 @@ class Ear(PerfectDriver):
 
 
 class Beside:
-    """The monitor process in a thread of this one, its control process a child that sleeps."""
+    """Runs the monitor process in a thread of this process; its control process is a child that only sleeps."""
 
     def __init__(
         self, place: tuple[Plan, Arm, Cell], talk: tuple[Connection, Connection], folder: Path, monkeypatch: pytest.MonkeyPatch
@@ -107,7 +107,7 @@ class Beside:
         self.link.sent(k, q)
 
     def ended(self) -> int | None:
-        """The signal that ended the control process, or None; waits a while for one."""
+        """The signal that ended the control process, or None; waits up to 0.5 s for one."""
         end = time.monotonic() + 0.5
         while not (found := os.waitpid(self.child, os.WNOHANG))[0] and time.monotonic() < end:
             time.sleep(0.01)

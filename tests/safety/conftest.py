@@ -75,7 +75,7 @@ torque_noise = [0.5, 0.5, 0.5, 0.1, 0.1, 0.1]
 [provenance]
 all = "made for the tests of the package safety"
 """
-# a zero with a standard deviation states that there is none
+# a zero with a standard deviation states that there is no friction
 FRICTIONLESS = "".join(
     f"""[[effects]]
 effect = "{effect}_friction"
@@ -112,10 +112,10 @@ NO_TORQUE = Expected(np.zeros(6), np.zeros(6), np.zeros(6), 0.1)
 
 @pytest.fixture(scope="session", autouse=True)
 def traced() -> None:
-    """Where branches are counted, what the monitor compiles is interpreted: only so can it be seen which lines ran."""
+    """Under coverage, replace the monitor's compiled functions by interpreted ones: coverage sees only interpreted lines."""
     if "COVERAGE_RUN" not in os.environ:
         return
-    for module in (cycle, looks):  # what these call in other files is Python where Python calls it
+    for module in (cycle, looks):  # their register_jitable callees in other files are Python when called from Python
         numba.config.DISABLE_JIT = True
         spec = importlib.util.spec_from_file_location(f"{module.__name__}_interpreted", str(module.__file__))
         assert spec is not None
@@ -152,7 +152,7 @@ def cell(tmp_path_factory: pytest.TempPathFactory) -> Cell:
 
 
 def sine(n: int = 6, duration: float = 4.0, amplitude: float = 0.2, step: float = 0.01, cycles: int = 2) -> Trajectory:
-    """A motion that starts and ends at rest at HOME: a sine below a squared-sine window, exact in all three derivatives."""
+    """A motion from rest to rest at HOME: a sine under a squared-sine window, with exact derivatives."""
     t = np.linspace(0, duration, round(duration / step) + 1)
     w, p = 2 * np.pi * cycles / duration, np.pi / duration
     a, s, c = np.sin(p * t) ** 2, np.sin(w * t), np.cos(w * t)

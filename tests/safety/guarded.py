@@ -1,4 +1,4 @@
-"""A guarded run to put faults into: where, what it records, and what a good stop looks like."""
+"""A guarded run for fault injection: instant of the fault, recording in memory, and checks of a correct stop."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ AT = 700
 
 
 class Log(Recording):
-    """Keeps rows in memory; raises from `fails_at` on."""
+    """Keeps rows in memory; raises DeviceError once it holds `fails_at` rows."""
 
     def __init__(self, fails_at: int = 10**9) -> None:
         self.rows: list[tuple[JointState, np.ndarray]] = []
@@ -71,7 +71,7 @@ def hot(state: JointState) -> JointState:
 
 
 def check_stop(driver: PerfectDriver, cleared: ClearedTrajectory, arm: Arm, stop: MotionStopped, n: int) -> None:
-    """The reading n (the guard's first is 1) shows the fault; sample n - 2 was sent on the reading before."""
+    """Check a stop whose fault appears in reading n (the guard's first is 1): command n - 2 is the first that deviates."""
     k = first_slower(driver, cleared)
     assert k == n - 2
     q = np.array([q for q, _ in driver.sent])

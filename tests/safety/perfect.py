@@ -1,4 +1,4 @@
-"""A driver whose arm is where it was commanded to be one period ago: what goes wrong with it is what a test makes go wrong."""
+"""A driver whose arm follows every command exactly, one period later; faults occur only where a test injects them."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ Fault = Callable[[JointState, int], JointState]
 
 
 class PerfectDriver(Driver):
-    """Follows exactly; its own stop takes one period for every 4 rad/s^2 of deceleration. `sent` and `reads` are kept for tests."""
+    """Follows exactly; its own stop decelerates at 4 rad/s^2. `sent`, `reads` and `stops` are kept for tests."""
 
     device_stop = DeviceStop(reaction=0.0, deceleration=4.0)
 
@@ -60,7 +60,7 @@ class PerfectDriver(Driver):
     def _torque(self) -> np.ndarray:
         still = np.zeros((2, self.arm.n))
         here = Trajectory(np.array([0.0, 1.0]), np.vstack((self.q, self.q)), still, still)
-        # no sensor repeats its last digit
+        # a real sensor never repeats its last digit
         return torque_interval(here, self.arm, self._cell).tau_hat[0] + 1e-6 * np.sin(self.reads)
 
     def send(self, q: np.ndarray, dq: np.ndarray, tau: np.ndarray) -> np.ndarray:
@@ -89,7 +89,7 @@ def simulated(cell: Cell, arm: Arm) -> PerfectDriver:
 
 
 class Clinging(PerfectDriver):
-    """An arm without brakes: it fails in motion, and then holds on in a thread of its own rather than let go."""
+    """An arm without brakes: it fails in motion, `close` refuses to release it, and a thread keeps the process alive."""
 
     def send(self, q: np.ndarray, dq: np.ndarray, tau: np.ndarray) -> np.ndarray:
         if len(self.sent) > 60:

@@ -1,4 +1,4 @@
-"""A good number or array with one value replaced by what is none."""
+"""Invalid numbers and arrays, made from valid ones."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ NUMBERS = (np.nan, np.inf, -np.inf)
 
 
 def array(good: np.ndarray, rng: random.Random) -> Any:
-    """The array with one element that is not finite, or with another shape, or of another type."""
+    """The array with one non-finite element, or with another shape, or of another type."""
     kind = rng.randrange(10)
     if kind < 5:
         bad = np.array(good, dtype=float)

@@ -1,4 +1,4 @@
-"""Approaches are jerk-limited, end where the motion begins, and are proved like everything else."""
+"""Approaches are jerk-limited, end where the motion begins, and are verified like every other motion."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def test_what_ruckig_cannot_do_is_a_refusal(arm: Arm, target: float) -> None:
 
 
 def test_ruckigs_answer_is_proved_and_not_believed(arm: Arm, cell: Cell) -> None:
-    """Its community version lets positions overshoot their limits: the approach to a fast beginning swings out."""
+    """Ruckig's community version lets positions exceed their limits: the approach to a motion that starts fast overshoots."""
     still = np.zeros((2, 6))
     fast = np.zeros((2, 6))
     fast[:, 2] = -2.9

@@ -1,4 +1,4 @@
-"""When somebody has approved a plan, and what of it is refused."""
+"""How long the approval of a plan is valid, and which approvals are refused."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The trail can only grow: every changed, removed or inserted byte is found, and two writers do not break it."""
+"""The audit trail can only grow: changed bytes and removed or inserted lines are found; concurrent writers form one chain."""
 
 from __future__ import annotations
 
@@ -91,7 +91,7 @@ def test_nothing_is_added_to_a_trail_whose_end_was_changed(trail: Path) -> None:
     ],
 )
 def test_a_forged_line_that_is_no_entry_is_named(trail: Path, body: bytes) -> None:
-    """Whoever can write the file can also make a hash that fits."""
+    """Anyone who can write the file can also compute a matching hash."""
     a, *_ = trail.read_bytes().splitlines(keepends=True)
     trail.write_bytes(a + body[:-1] + b', "sha256": "' + hashlib.sha256(body).hexdigest().encode() + b'"}\n')
     with pytest.raises(SafetyStop, match=r"audit\.jsonl:2: is not an entry with number, at, event, facts, previous"):
@@ -152,7 +152,7 @@ def test_a_line_that_is_being_written_is_waited_for(trail: Path) -> None:
         fcntl.flock(stream, fcntl.LOCK_EX)
         reader = threading.Thread(target=lambda: read.append(verify(trail)), daemon=True)
         reader.start()
-        reader.join(0.05)  # one that waits for nobody has answered by then
+        reader.join(0.05)  # a reader that does not wait has returned by then
         stream.write(whole[half:])
     reader.join(10.0)
     assert [len(entries) for entries in read] == [3]

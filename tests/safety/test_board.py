@@ -1,4 +1,4 @@
-"""What one process writes the other one reads; the first reason for a stop stays."""
+"""What one process writes, the other reads; the first reason for a stop is kept."""
 
 from __future__ import annotations
 

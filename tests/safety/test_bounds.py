@@ -1,4 +1,7 @@
-"""No effect of an arm's file takes its torque out of what was verified: random effects and parameters, along paths, in boxes, in stops."""
+"""No effect in an arm's file takes the torque outside its verified bounds.
+
+Effects and parameters are random; the bounds are checked along paths, in boxes and in stops.
+"""
 
 from __future__ import annotations
 
@@ -32,7 +35,7 @@ SURE = PriorTable(mass=1e-3, com=1e-3, inertia=1e-3, coulomb=1e-3, viscous=1e-3,
 
 
 def random_values(effect: Effect, rng: np.random.Generator) -> dict[str, float]:
-    """Values about those that its grids call typical, of either sign where that is allowed."""
+    """Random values around the typical values of the effect's grids, of either sign where allowed."""
     out = {}
     for p in effect.parameters:
         typical = (
@@ -49,7 +52,7 @@ def random_values(effect: Effect, rng: np.random.Generator) -> dict[str, float]:
 
 
 def arm_with(arm: Arm, name: str, rng: np.random.Generator) -> Arm:
-    """`name` at three joints, or on the whole arm; beside it dry and viscous friction that is known, and dry friction to shape."""
+    """The arm with effect `name` at three joints or on the whole arm, and known Coulomb and viscous friction at every joint."""
     effect, out = effect_named(name), replace(arm, prior=SURE)
     for joint in arm.joint_names:
         out = with_effect(out, ArmEffect("coulomb_friction", joint, {"coulomb": float(rng.uniform(1, 8))}))
@@ -77,7 +80,7 @@ def wild(rng: np.random.Generator, n: int = 6, seconds: float = 4.0) -> Trajecto
 
 
 def motor_torque(arm: Arm, motion: Trajectory) -> np.ndarray:
-    """What `sim.prediction` says of the motor: without what changes the reading alone."""
+    """Motor torque by `sim.prediction`, without the effects that change only the reading."""
     sensors = (Stage.SENSOR, Stage.CHANNEL, Stage.DRIVE)
     return predict(replace(arm, effects=tuple(e for e in arm.effects if effect_named(e.effect).stage not in sensors)), motion)
 
@@ -89,7 +92,7 @@ def test_the_torque_of_a_path_stays_in_its_interval(arm: Arm, cell: Cell, name: 
     made, motion = arm_with(arm, name, rng), wild(rng)
     torque = torque_interval(motion, made, cell)
     assert np.all(np.abs(motor_torque(made, motion)) <= torque.most + 1e-9)
-    if name != "torque_saturation":  # a motion for which a drive does not suffice is refused
+    if name != "torque_saturation":  # a motion that saturates a drive is refused
         assert np.all(np.abs(predict(made, motion) - torque.tau_hat) <= torque.doubt + 1e-9 * made.tau_max)
 
 
@@ -100,7 +103,7 @@ CHANGES = tuple(n for n in BOUNDED if n not in ("torque_saturation",))
 def test_without_its_bound_the_torque_leaves_the_interval(
     arm: Arm, cell: Cell, name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The test above can fail: each effect's own bound is what makes it hold."""
+    """Verifies that the test above can fail: it holds only because of each effect's own bound."""
     left_out: Callable[..., None] = lambda *_: None  # noqa: E731
     outside = False
     for seed in range(4):
@@ -117,7 +120,7 @@ def test_without_its_bound_the_torque_leaves_the_interval(
 def test_without_memory_the_torque_leaves_the_interval(
     arm: Arm, cell: Cell, name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Friction that had the sign of the speed at once would not hold what a joint does after it turned round."""
+    """A bound that takes friction to have the sign of the speed at once does not cover a joint that has just reversed."""
     monkeypatch.setattr(torque_box, "way_in_one_direction", lambda dq, *_: (np.full_like(dq.lo, 9.0), np.sign(dq.lo)))
     rng = np.random.default_rng(0)
     made, motion = arm_with(arm, name, rng), wild(rng)
@@ -129,7 +132,7 @@ def test_without_memory_the_torque_leaves_the_interval(
 @pytest.mark.parametrize("name", BOUNDED)
 @pytest.mark.parametrize("kind", ["path", "own", "device"])
 def test_the_torque_of_whatever_passes_through_a_box_stays_in_it(arm: Arm, cell: Cell, name: str, kind: str) -> None:
-    """The path itself, and stops from it that are walked with their own history, through boxes merged from many."""
+    """The path itself, and stops from it simulated with their full history, in boxes merged from many smaller ones."""
     rng = np.random.default_rng(7)
     made, motion = arm_with(arm, name, rng), wild(rng)
     sheet, walks = walked(made, motion, kind, rng)
@@ -138,7 +141,7 @@ def test_the_torque_of_whatever_passes_through_a_box_stays_in_it(arm: Arm, cell:
     stages, torque = (np.concatenate([walk[part] for walk in walks]) for part in (1, 2))
     assert len(torque) * len(sheet.levels[:6]) > 1000
     for rows, columns, boxes in sheet.levels[:6]:
-        # the bound of fewer boxes at once is never looser: those that no walk passes through need none here
+        # bounding fewer boxes at once is never looser, so boxes that no walk passes through are left out
         cells = begun // rows * boxes.lo.shape[1] + stages // columns
         passed, place = np.unique(cells, return_inverse=True)
         lo, hi = (x.reshape(-1, *x.shape[2:])[passed] for x in (boxes.lo, boxes.hi))
@@ -152,7 +155,7 @@ def test_the_torque_of_whatever_passes_through_a_box_stays_in_it(arm: Arm, cell:
 def walked(
     arm: Arm, motion: Trajectory, kind: str, rng: np.random.Generator
 ) -> tuple[Sheet, list[tuple[int, np.ndarray, np.ndarray]]]:
-    """A sheet, and walks through it: row, stage of each state (M,), torque of the motor (M, n) with all that was before."""
+    """A sheet, and walks through it: row, stage of each state (M,), motor torque (M, n) given all the motion before."""
     if kind == "path":
         path = PathSheet(motion, arm)
         tau = motor_torque(arm, motion)

@@ -1,4 +1,4 @@
-"""The stop that is driven is the least-time stop: the same as Ruckig's."""
+"""The commanded stop is the time-optimal stop: it equals Ruckig's."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def test_closed_form_is_ruckigs_stop(arm: Arm) -> None:
 
 
 def test_a_softer_stop_keeps_what_it_already_brakes_with(arm: Arm) -> None:
-    """By less than ddq_max: the deceleration never exceeds the softer limit, but where the joint slows down harder already."""
+    """With a limit below ddq_max, the deceleration exceeds that limit only where the joint already decelerates harder."""
     dq, ddq = states(300, arm, seed=3)
     soft = 0.4 * arm.ddq_max
     profile = stop_profile(dq, ddq, soft, arm.jerk_max)

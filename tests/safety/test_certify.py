@@ -1,4 +1,4 @@
-"""The certificate of clearance: that it agrees with dense sampling, what it does with several pairs, and what it says when it refuses."""
+"""The clearance certificate: agreement with dense sampling, several pairs at once, and the messages of refusals."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ LEAST = 1e-4
 
 @pytest.fixture
 def two_planes(cell: Cell) -> Cell:
-    """The table, and a centimetre below it a floor that is as near in the same pieces of a motion."""
+    """The table, and a floor 1 cm below it that is about as near in the same pieces of a motion."""
     table = next(o for o in cell.table.obstacles if isinstance(o, PlaneObstacle))
     x, y, z = table.position
     floor = table.model_copy(update={"name": "floor", "position": [x, y, z - 0.01]})
@@ -31,7 +31,7 @@ def two_planes(cell: Cell) -> Cell:
 
 
 def deep(clearance: Clearance, low: float, high: float) -> Trajectory:
-    """A motion whose nearest approach is between low and high m beyond the margin."""
+    """A motion whose smallest clearance exceeds the margin by between low and high m."""
     for depth in np.linspace(0.05, 0.25, 201):
         motion = towards_table(float(depth))
         least = min(float(np.min(clearance.distances(q) - clearance.margin)) for q in motion.q[len(motion) // 2 - 3 :][:7])
@@ -47,7 +47,7 @@ def test_one_pair_that_is_too_near_is_refused_beside_others_that_are_not(arm: Ar
         pair: clearance.distances(motion.q[len(motion) // 2])[k] - clearance.margin[k] for k, pair in enumerate(clearance.pairs)
     }
     assert any("floor" in pair and 0 < left < 0.009 for pair, left in spare.items())
-    for step in (1, 5, 10, 20):  # the longer the pieces, the more pairs are left to the last decision
+    for step in (1, 5, 10, 20):  # longer pieces leave more pairs to the last decision
         few = Trajectory(*(getattr(motion, name)[::step] for name in ("t", "q", "dq", "ddq")))
         with pytest.raises(SafetyStop, match="and table: "):
             certify(clearance, PathSheet(few, arm), "the motion", LEAST, 0.1)
@@ -65,7 +65,7 @@ def test_what_is_not_too_near_but_cannot_be_decided_is_reported_so(arm: Arm, cel
 
 
 def test_a_long_slide_is_not_taken_for_a_joint_that_turns_round(arm: Arm, cell: Cell) -> None:
-    """Its far end is no nearer because a hinge would be back there: the obstacle at 5 m stays a pair."""
+    """A prismatic joint does not come back after a turn as a hinge does: an obstacle at 5 m remains a pair."""
     tree = replace(arm.tree, prismatic=np.array([True, *arm.tree.prismatic[1:]]))
     q_min, q_max = arm.q_min.copy(), arm.q_max.copy()
     q_min[0], q_max[0] = 0.0, 8.0
@@ -100,7 +100,10 @@ def test_certified_and_densely_sampled_agree(arm: Arm, cell: Cell) -> None:
 
 
 def test_the_room_beside_a_motion_is_really_there(arm: Arm, cell: Cell) -> None:
-    """Every joint beside the path by the proved room, to either side: margins are kept; and where there is little, little is promised."""
+    """With every joint moved off the path by the verified room, to either side, all margins are kept.
+
+    Close to the table the room is small.
+    """
     clearance, rng = Clearance(arm, cell), np.random.default_rng(0)
     motion = towards_table(0.11)
     room = certify(clearance, PathSheet(motion, arm), "the motion", LEAST, 0.1)
@@ -113,7 +116,7 @@ def test_the_room_beside_a_motion_is_really_there(arm: Arm, cell: Cell) -> None:
 
 
 def test_the_room_of_a_piece_is_that_of_its_tightest_pair(arm: Arm, cell: Cell) -> None:
-    """Also where that pair is decided for a long piece at once, as the distance to a wall beside the motion, and others are not."""
+    """This also holds if that pair, a wall beside the motion, is decided for a long piece at once and others are not."""
     wall = PlaneObstacle(kind="plane", name="wall", position=[0.0, 0.5, 0.0], normal=[0.0, -1.0, 0.0])
     beside = replace(cell, table=cell.table.model_copy(update={"obstacles": [*cell.table.obstacles, wall]}))
     clearance, motion = Clearance(arm, beside), towards_table(0.11)
@@ -153,7 +156,7 @@ def test_long_stops_from_two_samples_are_cut_along_the_stop(arm: Arm, cell: Cell
 def test_a_box_of_which_a_bound_is_not_a_number_is_refused(
     arm: Arm, cell: Cell, monkeypatch: pytest.MonkeyPatch, what: str
 ) -> None:
-    """Also where one pair stands still, and where nobody looked at the distances before."""
+    """One NaN, in the distance, the reach or the margin of a single pair, is enough."""
     clearance = Clearance(arm, cell)
     certify(clearance, PathSheet(sine(), arm), "the motion", LEAST, 0.1)
     if what == "distance":

@@ -1,4 +1,4 @@
-"""`clear` is the only door, and refuses what any single check refuses."""
+"""`clear` is the only way to a ClearedTrajectory, and refuses what any single check refuses."""
 
 from __future__ import annotations
 

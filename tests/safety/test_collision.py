@@ -1,4 +1,4 @@
-"""Clearance is proved against an independent look at the same bodies, and geometry that could lie is refused."""
+"""Distances, and the reach that bounds their change, are checked at random postures; misleading geometry is refused."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def test_pairs_leave_out_only_links_that_share_a_joint(arm: Arm, cell: Cell) -> 
 
 
 def test_a_pair_is_left_out_only_where_it_keeps_its_margin_in_every_posture(arm: Arm, cell: Cell) -> None:
-    """Looked at anew, with the same bodies, at postures from everywhere."""
+    """Recomputes the distances of these pairs, with the same bodies, at random postures over the whole range."""
     every = Clearance(arm, cell)
     clearance = Clearance(arm, cell)
     clearance._geometry.removeAllCollisionPairs()
@@ -53,7 +53,7 @@ def test_a_pair_is_left_out_only_where_it_keeps_its_margin_in_every_posture(arm:
 
 
 def test_reach_bounds_how_far_any_point_moves(arm: Arm, cell: Cell) -> None:
-    """No distance changes by more than reach times joint travel, at random postures; the property that the proof rests on."""
+    """At random postures, no distance changes by more than reach times joint travel; the certificate relies on this."""
     rng = np.random.default_rng(0)
     clearance = Clearance(arm, cell)
     for _ in range(300):
@@ -99,7 +99,7 @@ def test_the_witness_is_the_least_distance_whatever_the_margins(arm: Arm, cell: 
 
 def test_the_witness_is_found_between_the_looks(arm: Arm, cell: Cell) -> None:
     motion, clearance = towards_table(0.1), Clearance(arm, cell)
-    samples = 40_001  # a hundred beside every look, and the dip is narrower than the way from one look to the next
+    samples = 40_001  # a hundred samples per distance check; the dip is narrower than the gap between two checks
     t = np.linspace(0.0, 80.0, samples)
     deep = motion.q[int(np.argmin(np.abs(motion.t - 2.0)))]
     q = HOME + np.exp(-(((t - 41.13) / 0.1) ** 2))[:, None] * (deep - HOME)

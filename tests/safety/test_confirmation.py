@@ -1,4 +1,4 @@
-"""A person's yes is typed; `--yes` opens only cells behind which no arm can stand."""
+"""A person confirms by typing; `--yes` is accepted only for cells that cannot have a real arm."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def test_yes_without_a_person_is_only_for_cells_without_an_arm(cell: Cell, drive
     ("name", "leads_to", "none"),
     [
         ("emulated-arm.tty", "/dev/pts/7", True),
-        ("can0", "/dev/pts/7", False),  # as of socat, whose other end may be an adapter elsewhere
+        ("can0", "/dev/pts/7", False),  # e.g. by socat, whose other end may be a remote adapter
         ("emulated-arm.tty", "/dev/ttyACM0", False),
     ],
 )

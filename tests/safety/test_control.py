@@ -1,8 +1,8 @@
-"""The control process: it stops the arm for every way in which the command process can end, and nothing skips the stop.
+"""The control process stops the arm however the command process ends, and nothing skips the stop.
 
-A driver that follows exactly keeps the wall clock here, at a slow rate so that a busy computer does not look like a fault. What is
-asserted is that the stop happened and how it is reported, not how long it took; a computer that is busy enough is late even so, which is a
-stop, and so these tests stand in the slow lane.
+A driver that follows exactly runs on the wall clock here, at a low rate so that a busy computer does not look like a fault. The
+tests assert that the stop happened and how it is reported, not how long it took. On a very busy computer a cycle is late even
+so, which causes a stop; therefore these tests are marked slow.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""A control process that does not end, hangs or dies in an answer: reported, and never waited for without end."""
+"""A control process that does not end, hangs or dies while answering is reported, and never waited for indefinitely."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from sim.errors import DeviceError
 
 
 class Hung:
-    """A process that ends when it is killed, and never by itself."""
+    """A process that ends only when it is killed."""
 
     name = "calib control"
 
@@ -44,7 +44,7 @@ def test_a_process_that_does_not_end_is_reported_and_ended_by_ctrl_c_alone(monke
         os.kill(os.getpid(), signal.SIGTERM)
         threading.Timer(0.3, os.kill, (os.getpid(), signal.SIGINT)).start()
 
-    with StopSignals():  # what comes before the wait begins ends nothing
+    with StopSignals():  # signals that arrive before the wait begins end nothing
         control._let_go([hung], board, "completed", held)
     wanted = f"support it, then press Ctrl-C or kill -INT {os.getpid()}"
     assert said == [f"completed; calib control did not end within 0.1 s and may hold the arm: {wanted}"]

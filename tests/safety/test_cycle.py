@@ -1,4 +1,4 @@
-"""What is kept of the compiled cycle is of the rules as they stand."""
+"""The cache never supplies a compiled cycle of outdated rules, and the cycle checks every rule."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A disk that fails during a motion ends it in the planned stop, and the log never claims to be complete."""
+"""A disk failure during a motion ends it in the planned stop, and the log never claims to be complete."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from sim.trajectory import Trajectory
 
 
 class FullDisk(Disk):
-    """A disk on which, after `writes`, nothing more can be written, or no more room can be set aside."""
+    """A disk on which `call` ("write" or "reserve") fails with "no space left" after `count` calls."""
 
     def __init__(self, call: str, count: int) -> None:
         self.call, self.left = call, count
@@ -63,4 +63,4 @@ def test_the_motion_stops_as_planned(call: str, count: int, motion: Trajectory, 
     assert log.state is State.ABORTED
     assert len(log) >= recorder.samples
     if call == "reserve":
-        assert len(log) > recorder.samples + 10  # room had been set aside: the stop itself is on the disk
+        assert len(log) > recorder.samples + 10  # space had been reserved, so the stop itself is on the disk

@@ -1,4 +1,4 @@
-"""The whole way on the mock: approve, prove, drive, record; and nothing of it without each of the steps before."""
+"""The whole workflow on the mock: approve, verify, drive, record. Each step requires those before it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Slow lines there and back take friction out of the torque: what is left tells which arm stands there."""
+"""Slow moves there and back cancel friction; the remaining gravity torque identifies the arm."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ RATE = 100.0
 
 
 class OfFamily(MockDriver):
-    """The mock, called as the UR driver is."""
+    """The mock with the gravity check of the UR driver."""
 
     def gravity(self, q: np.ndarray, tau: np.ndarray, friction: np.ndarray) -> list[Check]:
         return [family.torque(self.arm, None, q, tau, friction)]
@@ -64,7 +64,7 @@ def test_the_arm_of_the_cell_passes_with_any_friction(ur10e: Arm, mock_cell: Cel
 
 @pytest.mark.parametrize("name", ["ur5e", "ur16e", "ur30"])
 def test_another_arm_of_the_family_is_named(ur10e: Arm, mock_cell: Cell, name: str) -> None:
-    """At one pose, with the friction that a UR10e states, a UR16e looks like one."""
+    """At a single pose, with the friction that a UR10e states, a UR16e looks like a UR10e; the sweep distinguishes them."""
     found = tried(load_arm(name), ur10e, mock_cell)
     assert found["gravity torque"].ok is False
     check = found["arm of the family, gravity torque"]
@@ -97,7 +97,7 @@ def test_no_line_is_driven_where_none_can_be_verified(ur10e: Arm, mock_cell: Cel
 
 
 def by_current(truth: Arm, cell: Cell, constant: np.ndarray, stated: Arm) -> dict[str, Check]:
-    """The checks of an arm whose device reports currents, and whose file has no torque constant."""
+    """The checks of an arm whose device reports currents and whose file has no torque constant."""
     driver = OfFamily(Plant(truth), replace(stated, torque_constant=None), RATE, SimulatedClock(), start=cell.table.home)
     driver.faults.append(lambda state: replace(state, current=state.tau / constant, tau=np.full(6, np.nan)))
     with driver:
@@ -115,7 +115,10 @@ def test_currents_give_torque_constants_where_gravity_loads_a_joint(ur10e: Arm, 
 
 
 def test_constants_are_as_sure_as_masses_friction_and_scatter(ur10e: Arm) -> None:
-    """Over poses drawn with masses, zeros and uneven friction off by what is said, the truth is within three standard deviations."""
+    """The true constants are within three standard deviations in more than 97 % of cases.
+
+    Poses are random; masses, torque zeros and uneven friction are off by their stated uncertainties.
+    """
     rng, inside, count = np.random.default_rng(5), 0, 0
     truth = np.array([12.0, 12.0, 10.0, 8.0, 8.0, 8.0])
     for _ in range(200):

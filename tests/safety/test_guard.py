@@ -1,4 +1,4 @@
-"""What a guard sends, when it may begin, who may ask it to stop, and what it tells of a stop."""
+"""What a guard sends, when it may begin, who may request a stop, and what it reports about a stop."""
 
 from __future__ import annotations
 

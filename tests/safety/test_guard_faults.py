@@ -1,4 +1,4 @@
-"""Whatever goes wrong, the first slower command is the very next one, and the arm comes to rest where that was predicted."""
+"""After any fault the very next command is slower, and the arm stops as predicted or by the device's own stop."""
 
 from __future__ import annotations
 
@@ -179,7 +179,7 @@ def test_a_joint_that_does_not_slow_down_is_given_to_the_devices_stop(
 def test_a_joint_that_goes_on_trembling_is_given_to_the_devices_stop(
     driver: PerfectDriver, arm: Arm, cell: Cell, clearance: Clearance, cleared: ClearedTrajectory
 ) -> None:
-    """Slower than before, so the stop is not given up; never at rest, so it is not over."""
+    """The joint is slower than before, so the stop is not abandoned; it never rests, so the stop does not complete either."""
     tremble = np.full(6, 0.05)
     driver.fault = lambda state, k: hot(state) if k == AT else replace(state, dq=tremble) if k > AT else state
     stop = stopped_by(guard_of(driver, arm, cell, clearance), cleared)

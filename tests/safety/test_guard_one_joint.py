@@ -1,4 +1,4 @@
-"""What is wrong at one joint alone is as wrong: no rule of the guard waits for a second joint."""
+"""A fault at one joint is enough: no rule of the guard needs a second joint."""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""An arm that is held on after a failure: who holds it is recorded and named, whatever became of the terminal or the command process."""
+"""An arm that is still held after a failure: the process to interrupt is recorded and named.
+
+This holds even if the terminal or the command process is gone.
+"""
 
 from __future__ import annotations
 
@@ -56,7 +59,7 @@ def holding(place: Path) -> Iterator[subprocess.Popen[str]]:
 
 
 def owners(place: Path) -> list[int]:
-    """The processes that were said to hold the arm."""
+    """The PIDs that the audit trail names as holding the arm."""
     return [e["facts"]["pid"] for e in audit.verify(place / "audit.jsonl") if e["event"] == "arm held"]
 
 
@@ -82,6 +85,6 @@ def test_an_orphan_that_holds_the_arm_names_itself_and_lets_go_of_it(place: Path
     time.sleep(0.5)
     os.kill(orphan, 0)
     os.kill(orphan, signal.SIGINT)
-    _, said = holding.communicate(timeout=60.0)  # ends when the orphan has ended, which has the same standard error
+    _, said = holding.communicate(timeout=60.0)  # returns once the orphan has ended, as it shares the standard error
     assert f"PID {orphan} holds the arm: support it, then kill -INT {orphan} to let it go" in said
     assert "Traceback" not in said

@@ -17,7 +17,7 @@ from sim.errors import ConfigError, SafetyStop
 
 
 class Typist:
-    """Types `key` on the terminal's other side again and again while `held`."""
+    """Types `key` repeatedly on the other side of the terminal while `held`."""
 
     def __init__(self, master: int) -> None:
         self.master, self.key, self.held, self.over = master, b" ", True, False
@@ -127,7 +127,7 @@ def test_another_key_before_it_does_not_begin() -> None:
 
 
 def test_a_terminal_that_cannot_be_read_any_more_is_a_released_key(terminal: tuple[Typist, IO[bytes]], tmp_path: Path) -> None:
-    """As for a process that lost its terminal: there is always something to read, and reading it fails."""
+    """Like a process that lost its terminal: there is always something to read, and every read fails."""
     _, stream = terminal
     folder = os.open(tmp_path, os.O_RDONLY)
     with HoldKey(stream) as key:

@@ -1,4 +1,4 @@
-"""Two degrees there and back tell the order of the joints and the sign of their torque; nothing else moves."""
+"""Moving each joint by two degrees and back checks joint order and torque sign; another joint that moves is found."""
 
 from __future__ import annotations
 
@@ -139,7 +139,10 @@ def test_what_readings_say(ur10e: Arm, moved: np.ndarray, friction: float, curre
 def test_torque_is_never_compared_with_current(
     ur10e: Arm, lost_torques: Sequence[int], lost_speeds: Sequence[int], found: str
 ) -> None:
-    """A good arm that reports both: what is lost on one way is left out, and a way without torque makes both count in current."""
+    """A good arm that reports torque and current.
+
+    Samples that are lost on one way are left out. If one way has too few torques, current is compared on both.
+    """
     moved, offset, against = turned(ANGLE), np.full(6, 30.0), np.full(6, 5.0)
     there, back = way(np.zeros(6), moved, 0.06, offset + against), way(moved, -moved, -0.06, offset - against)
     there = [replace(state, current=state.tau * 0.6) for state in there]

@@ -1,4 +1,4 @@
-"""How late this computer may be is what was seen at its worst, and never less than a period."""
+"""The latency of this computer is the worst that was measured, and at least one period."""
 
 from __future__ import annotations
 
@@ -62,12 +62,12 @@ def test_a_gap_that_the_driver_endures_counts_as_latency(cell: Cell) -> None:
 
 
 def a_driver(clock: Clock, gap_max: float = 0.0) -> Driver:
-    """As much of a driver as this needs."""
+    """The attributes of a driver that `latency_of` needs."""
     return cast("Driver", SimpleNamespace(rate=500.0, clock=clock, gap_max=gap_max))
 
 
 class WallClock(Clock):
-    """Not a simulated one, to those who ask; late by `late` s once."""
+    """Not an instance of SimulatedClock; wakes up late by `late` s once."""
 
     def __init__(self, late: float) -> None:
         self._inner = LateClock(lambda k: late if k == 7 else 0.0)

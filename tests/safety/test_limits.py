@@ -1,4 +1,4 @@
-"""What is proved holds at every instant: just inside passes, at the limit passes, just outside is refused."""
+"""Limits are verified at every instant: just inside passes, at the limit passes, just outside is refused."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from tests.safety.conftest import sine
 
 
 def dense(motion: Trajectory, steps: int = 50) -> tuple[np.ndarray, ...]:
-    """Samples between samples, by NumPy's own polynomials through both ends: independent of Bernstein forms."""
+    """Samples between samples from the quintic in the monomial basis: a reference independent of Bernstein forms."""
     q, dq, ddq, jerk = [], [], [], []
     s = np.linspace(0, 1, steps)
     rows = [[1, 0, 0, 0, 0, 0], [0, 1, 0, 0, 0, 0], [0, 0, 2, 0, 0, 0], [1] * 6, [0, 1, 2, 3, 4, 5], [0, 0, 2, 6, 12, 20]]
@@ -131,13 +131,13 @@ def test_coefficients_that_are_not_finite_are_an_excess(bad: float) -> None:
     ],
 )
 def test_the_excess_is_reported_where_it_is_reached(b: list[list[float]], piece: int, value: float) -> None:
-    """At one end of a piece; in the middle of one of two that both have to be halved."""
+    """The excess is at one end of a piece, or in the middle of one of two pieces that both have to be halved."""
     found = first_excess(np.array(b)[:, :, None], -np.ones(1), np.ones(1))
     assert found == Excess(piece, 0, value, True)
 
 
 def test_what_cannot_be_decided_is_refused() -> None:
-    """Touches the limit from inside at one interior point, a hair above what rounding allows to distinguish."""
+    """A peak above the limit by slightly more than the rounding tolerance is refused; a peak at the limit passes."""
     peak = 1 + 1.5e-9
     b = np.array([[[0.0], [2 * peak], [0.0]]])
     assert first_excess(b, -np.ones(1), np.ones(1)) is not None
@@ -145,7 +145,7 @@ def test_what_cannot_be_decided_is_refused() -> None:
 
 
 def test_halving_ends_and_what_is_open_then_is_refused() -> None:
-    """The peak lies at 1/3, which no halving meets, and exceeds what is allowed by less than the last halving can see."""
+    """The peak at 1/3, which no halving hits, exceeds the tolerance by less than the last halving can resolve."""
     top = 1 + 1e-9 + 2e-14
     b = np.array([[[top - 1 / 9], [top + 2 / 9], [top - 4 / 9]]])
     found = first_excess(b, -np.ones(1), np.ones(1))

@@ -1,4 +1,4 @@
-"""Which pairs of bodies the monitor looks at in a cycle."""
+"""Which pairs of bodies the monitor checks in a cycle."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from safety import looks
 
 
 def test_pairs_that_are_far_apart_are_looked_at_in_turn() -> None:
-    """Each once in a round, `looks` of them in a cycle; one that may be too near by now in every cycle."""
+    """Distant pairs take turns, `most` of them per cycle; a pair that may be too near by now is checked in every cycle."""
     pairs, most = 10, 3
     q, seen, reach = np.zeros(2), np.full(pairs, 5.0), np.ones((pairs, 2))
     least, asked = np.full(pairs, 0.1), np.zeros(pairs, dtype=np.int64)

@@ -1,4 +1,4 @@
-"""What was approved is what runs: every single setting that is edited afterwards is refused, and named."""
+"""What was approved is what runs: any single setting that is edited afterwards is refused, and named."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ CUBE = (
 
 
 def edits(value: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[tuple[Any, ...], Any]]:
-    """Every number and text of a table, with another value."""
+    """Path and changed value of every number and text of a table."""
     if isinstance(value, dict | list):
         for key, part in value.items() if isinstance(value, dict) else enumerate(value):
             yield from edits(part, (*path, key))

@@ -1,4 +1,4 @@
-"""Each rule of the monitor: just inside passes, just outside trips, and what is not a number trips always."""
+"""Each rule of the monitor: just inside its limit passes, just outside trips, and a value that is not finite always trips."""
 
 from __future__ import annotations
 
@@ -144,7 +144,7 @@ def test_a_frozen_encoder_trips_as_soon_as_the_joint_has_turned_by_more_than_its
 
 
 def test_a_joint_that_sticks_where_it_was_commanded_to_end_may_report_its_speed_late(monitor: Monitor) -> None:
-    """A drive's speed made of its positions: 85 ms of them, on a joint that dry friction holds at once."""
+    """Some drives compute speed from the positions of the last 85 ms, so it lags when dry friction stops the joint at once."""
     found = []
     for k in range(1, 12):
         late = np.array([0.5, 0, 0, 0, 0, 0]) * max(0.0, 1 - k / 9)
@@ -215,7 +215,7 @@ def test_a_trip_states_joint_quantity_value_limit_unit_and_remedy(monitor: Monit
 
 
 def test_no_reading_with_a_number_that_is_not_one_passes(arm: Arm, cell: Cell) -> None:
-    """Every number of a reading, one by one, by every value that is none: 0 survivors."""
+    """Every number of a reading is replaced in turn by NaN, infinity or 1e308; none may pass."""
     survivors = []
     base = state_at(1)
     clearance = Clearance(arm, cell)

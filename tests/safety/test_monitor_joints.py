@@ -1,4 +1,4 @@
-"""A rule that one joint breaks names that joint, with its value and its limit."""
+"""If one joint breaks a rule, the trip names that joint, with its value and limit."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def trip_of(monitor: Monitor, **changes: object) -> Trip:
 
 
 def first_trip(monitor: Monitor, cycles: Iterable[tuple[JointState, np.ndarray]], expected: Expected | None = None) -> Trip:
-    """The trip of the first cycle that has one; cycles: readings with what was commanded."""
+    """The first trip of the given cycles: readings, each with the commanded position."""
     trips = (monitor.check(state, state.t, commanded, expected) for state, commanded in cycles)
     return next(trip for trip in trips if trip is not None)
 
@@ -81,7 +81,7 @@ def test_a_following_error(arm: Arm, cell: Cell, joint: int) -> None:
 
 
 def test_one_joint_that_reports_its_temperature_is_watched(arm: Arm, cell: Cell) -> None:
-    """The others never did, and need not."""
+    """The other joints never reported one and need not."""
     alone = at(2, 30.0, np.full(6, np.nan))
     assert trip_of(monitor_of(arm, cell, temperature=alone), temperature=at(2, 80.0, alone)).joint == arm.joint_names[2]
     fine = monitor_of(arm, cell, temperature=alone)
@@ -110,7 +110,7 @@ def test_a_speed_that_is_not_that_of_the_position(arm: Arm, cell: Cell, joint: i
 
 
 def test_one_joint_that_reports_its_torque_is_watched(arm: Arm, cell: Cell) -> None:
-    """The others never did, and need not."""
+    """The other joints never reported one and need not."""
     alone = at(1, 0.0, np.full(6, np.nan))
     monitor = monitor_of(arm, cell, tau=alone)
     quiet = Expected(np.zeros(6), np.zeros(6), np.zeros(6), 0.1)
@@ -131,7 +131,7 @@ def test_a_sudden_change_of_torque(arm: Arm, cell: Cell, joint: int) -> None:
 
 
 def test_a_pair_that_comes_too_near_is_found_in_the_same_cycle_whichever_pairs_are_looked_at(arm: Arm, cell: Cell) -> None:
-    """Of all pairs one alone is too near, and in turn every other pair is the one that is looked at anyway."""
+    """Only one of all pairs is too near; each pair in turn is the one that is due for a check anyway."""
     clearance = Clearance(arm, cell)
     low = next(
         q for depth in np.linspace(0.0, 0.5, 501) for q in [HOME + at(1, 1.4 + depth) + at(2, -1.3)]

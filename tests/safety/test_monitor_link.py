@@ -1,4 +1,4 @@
-"""The guard's side of the monitor process: the hand-over of a stage, every command shown, and when the guard stops."""
+"""The guard's side of the monitor process: handing over a stage, showing every command, and when the guard stops."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ RATE = 50.0
 
 
 def answering(talk: Connection, answers: list[object]) -> tuple[threading.Thread, list[object]]:
-    """Another process that gives these answers, one to each message; and the messages."""
+    """A thread that plays the other process, with one answer to each message; and the messages that it got."""
     got: list[object] = []
 
     def run() -> None:

@@ -1,4 +1,4 @@
-"""The monitor process itself: what ends a stage, what it does with a control process that is silent or gone, and what it refuses."""
+"""The monitor process itself: how a stage ends, what it does if the control process is silent or gone, what it refuses."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Torque beside expectation: a band for its size, another for its sudden change, and a reading that is missing trips."""
+"""Torque residual in the monitor: one band for its size, one for its sudden change; a missing reading trips."""
 
 from __future__ import annotations
 
@@ -107,7 +107,10 @@ LOST_LOAD = "torque of an arm without its declared load, beside expectation"
 
 
 def asked_with_load(monitor: Monitor, taus: np.ndarray, load: np.ndarray, doubt: float = 10.0) -> list[str | None]:
-    """What is found at each reading of torque taus (N, 6), of a standing arm whose declared payload takes `load` of a torque of none."""
+    """The quantity that each torque reading of `taus` (N, 6) trips, or None.
+
+    The arm stands still with an expected torque of 0, of which its declared payload contributes `load`.
+    """
     expected = Expected(np.zeros(6), np.full(6, doubt), np.full(6, 1e3), 0.1, load)
     return [
         None if trip is None else trip.quantity
@@ -126,7 +129,7 @@ def test_a_load_that_is_gone_is_found_although_no_change_of_torque_would_be(moni
     found = asked_with_load(monitor, from_a_while_on(-LOAD), LOAD)
     first = next(k for k, what in enumerate(found) if what is not None)
     assert found[first] == LOST_LOAD
-    # the mean of FAST comes within its doubt of the torque without the load, and stays there for LOST s
+    # the mean over FAST comes within its doubt of the torque without the load, and stays there for LOST s
     assert rules.LOST / PERIOD < first - 50 < (rules.LOST + 2 * FAST) / PERIOD
 
 
@@ -135,9 +138,9 @@ def test_a_load_that_is_gone_is_found_although_no_change_of_torque_would_be(moni
     [
         -0.2 * LOAD,  # within the doubt
         LOAD,  # twice the load
-        -2 * LOAD,  # something else, of the same direction
-        np.array([0.0, -40.0, 20.0, -5.0, 0.0, 0.0]),  # one joint as without the load, another as with two
-        np.array([0.0, -13.0, -6.0, 0.0, 0.0, 0.0]),  # beyond its doubt, but most of the load is there
+        -2 * LOAD,  # another cause, in the same direction
+        np.array([0.0, -40.0, 20.0, -5.0, 0.0, 0.0]),  # some joints as without the load, one as with twice the load
+        np.array([0.0, -13.0, -6.0, 0.0, 0.0, 0.0]),  # beyond its doubt, but most of the load is still there
     ],
 )
 def test_other_torque_is_no_lost_load(monitor: Monitor, tau: np.ndarray) -> None:
@@ -166,7 +169,7 @@ def test_a_pause_begins_the_search_for_a_lost_load_anew(monitor: Monitor) -> Non
 
 
 def test_without_an_expectation_no_load_is_missed(monitor: Monitor) -> None:
-    """A standing arm has none: what was seen in motion is not counted on."""
+    """While the arm stands still there is no expectation, and the time counted in motion does not carry over."""
     found = asked_with_load(monitor, np.tile(-LOAD, (90, 1)), LOAD)
     for k in range(90, 90 + 2 * round(rules.LOST / PERIOD)):
         trip = monitor.check(state_at(k + 1, tau=-LOAD), (k + 1) * PERIOD, HOME)

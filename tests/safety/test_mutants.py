@@ -1,7 +1,7 @@
-"""Every number that can reach an arm, replaced by what is none: NaN, infinities, wrong shapes, wrong types. None is accepted.
+"""Every number that can reach an arm, replaced by an invalid one: NaN, infinity, wrong shape, wrong type. None is accepted.
 
-An entry is a place where numbers come in: motions, limits, cell, what a device reports, what a driver sends, plans, stages. A mutant is
-one entry with one of its values replaced. Accepted means: no error and no trip.
+An entry is a place where numbers come in: motions, limits, cell, readings of a device, what a driver sends, plans, stages. A
+mutant is one entry with one value replaced. It counts as accepted if there is no error and no trip.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ Mutant = Callable[[random.Random], Callable[[], Any]]
 
 
 class Entries:
-    """All entries, each as a function that makes one mutant's call."""
+    """All entries, each a method that returns the call with one random mutant."""
 
     def __init__(self, arm: Arm, cell: Cell, folder: Path) -> None:
         self.arm, self.cell, self.folder = arm, cell, folder
@@ -88,7 +88,7 @@ class Entries:
         name, value = rng.choice(("rate", "latency", "stop")), number(rng)
         if name == "stop":
             value = rng.choice((1.0, "fast", [], object()))
-        if name == "rate" and value is None:  # means: the arm's own
+        if name == "rate" and value is None:  # None means the arm's own rate
             value = "None"
         return lambda: clear(self.motion, self.arm, self.cell, clearance=self.clearance, **{name: value})
 
@@ -113,7 +113,7 @@ class Entries:
         return lambda: self.driver.send(**values)
 
     def answer(self, rng: random.Random) -> Callable[[], Any]:
-        """What a driver says that it sent."""
+        """What a driver returns as sent."""
         value = array(HOME, rng)
         driver = MockDriver.from_cell(self.cell, self.arm)
         driver.connect()
@@ -183,7 +183,7 @@ class Entries:
         return self._text(rng, self.cell_text, self.folder / "cell.toml", lambda file: Clearance(self.arm, load_cell(file)))
 
     def _text(self, rng: random.Random, text: str, file: Path, load: Callable[[Path], Any]) -> Callable[[], Any]:
-        """One number of a TOML file replaced by what is none."""
+        """Replace one number of a TOML file by an invalid value."""
         body, places = text, []
         at = body.find("\n[") if file.name == "arm.toml" else body.find("home")
         for k, letter in enumerate(body):
@@ -206,7 +206,7 @@ class Entries:
         return lambda: approve(self.plan, self.arm, self.cell, "operator", datetime(2026, 1, 1, tzinfo=UTC), hours)
 
     def checks(self, rng: random.Random) -> Callable[[], Any]:
-        """The single checks, with a motion whose finite numbers are past anything that an arm has."""
+        """The individual checks, with a motion whose finite numbers are beyond anything that an arm can do."""
         name = rng.choice(("q", "dq", "ddq"))
         values = {key: np.array(getattr(self.motion, key)) for key in ("t", "q", "dq", "ddq")}
         values[name][rng.randrange(len(self.motion)), rng.randrange(6)] = rng.choice((1e300, -1e300, 1e30, 1e9))

@@ -1,7 +1,7 @@
-"""The tests of each rule must notice when the rule is changed: every comparison turned, every `and`, `all` and sign swapped, one by one.
+"""Mutation tests: a change of one comparison, `and`, `or`, `not`, `all`, `any` or `isfinite` must make a test of its rule fail.
 
-Each mutant of a module runs that module's own tests in a forked process; a mutant that no test notices is a survivor. Mutants that
-change nothing that can be observed are listed with the reason, and the list may not hold anything else.
+Each mutant of a module runs that module's own tests in a forked process; a mutant that no test notices is a survivor. Mutants
+without an observable effect are listed in EQUIVALENT, with the reason.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ SWAPS: dict[type[ast.AST], type[ast.AST]] = {
     ast.And: ast.Or, ast.Or: ast.And, ast.Is: ast.IsNot, ast.IsNot: ast.Is, ast.Eq: ast.NotEq, ast.NotEq: ast.Eq,
 }  # fmt: skip
 CALLS = {"all": "any", "any": "all", "isfinite": "isnan"}
-# function -> the tests that have to notice; what is mutated is the predicate, not the message when it breaks
+# module -> functions that are mutated, tests that must notice; predicates are mutated, not the messages
 TARGETS = {
     "monitor": (("check", "_check_device", "_check_clearance"), ("test_monitor", "test_monitor_torque", "test_monitor_joints")),
     "cycle": (("cycle",), ("test_monitor", "test_monitor_torque", "test_monitor_joints", "test_readings")),
@@ -76,7 +76,7 @@ TARGETS = {
 
 
 def mutants(tree: ast.Module, functions: tuple[str, ...]) -> Iterator[tuple[str, ast.Module]]:
-    """Every mutant of the named functions, with the line and the change."""
+    """Every mutant of the named functions, described by function, line and change."""
     places = [
         (f.name, k, node) for f in ast.walk(tree) if isinstance(f, ast.FunctionDef) and f.name in functions
         for k, node in enumerate(behaviour(f))
@@ -92,7 +92,7 @@ def mutants(tree: ast.Module, functions: tuple[str, ...]) -> Iterator[tuple[str,
 
 
 def behaviour(function: ast.FunctionDef) -> list[ast.AST]:
-    """The nodes of a function's body but for the types that are written there."""
+    """The nodes of a function's body, without type annotations."""
     types = {id(node) for x in ast.walk(function) if isinstance(x, ast.AnnAssign) for node in ast.walk(x.annotation)}
     types |= {id(n) for x in ast.walk(function) if isinstance(x, ast.arguments) for a in ast.walk(x) for n in ast.walk(a)}
     return [node for statement in function.body for node in ast.walk(statement) if id(node) not in types]
@@ -130,7 +130,7 @@ class Mutated(importlib.machinery.SourceFileLoader):
         self.tree = tree
 
     def exec_module(self, module: types.ModuleType) -> None:
-        """Compiled functions as they stand: compiling each mutant would take longer than its tests."""
+        """Leave functions uncompiled: compiling each mutant would take longer than its tests."""
         compiled, numba.config.DISABLE_JIT = numba.config.DISABLE_JIT, True
         super().exec_module(module)
         numba.config.DISABLE_JIT = compiled
@@ -165,7 +165,7 @@ def noticed(module: str, tree: ast.Module, tests: tuple[str, ...]) -> bool:
         resource.setrlimit(resource.RLIMIT_CPU, (60, 60))
         for name in [n for n in sys.modules if n == "safety" or n.startswith(("safety.", "tests.safety"))]:
             del sys.modules[name]
-        # the cycle is never compiled: it would be taken from the cache, with the rules as they were
+        # never compile the cycle: it would come from the cache, with the unmutated rules
         sys.meta_path.insert(0, Finder({"cycle": ast.parse(source_of("cycle").read_text()), module: tree}))  # type: ignore[arg-type]
         code = 70
         try:
@@ -178,20 +178,23 @@ def noticed(module: str, tree: ast.Module, tests: tuple[str, ...]) -> bool:
 
 
 def known_of(module: str, tests: tuple[str, ...]) -> Kept:
-    """What earlier runs found, in the file that MUTANTS names: a run that was cut off goes on where it was. Other sources, other answers."""
+    """Results of earlier runs, from the file that MUTANTS names: an interrupted run continues where it stopped.
+
+    A change of the sources discards them.
+    """
     sources = [source_of(module), *(ROOT / "tests" / "safety" / f"{test}.py" for test in tests)]
     digest = hashlib.sha256(b"".join(file.read_bytes() for file in sources)).hexdigest()[:16]
     return Kept(Path(os.environ["MUTANTS"]) if "MUTANTS" in os.environ else None, f"{module} {digest}")
 
 
-# Mutants that may survive, each once, because nothing that can be observed changes:
+# Mutants that may survive, each once, because they have no observable effect:
 EQUIVALENT = (
-    # _prove: which boxes are cut in two before their rows are looked at one by one; either way every room is one that was proved
+    # _prove: which boxes are halved before their rows are checked one by one; either way every room is a verified one
     "compare 0 -> level <= 0",
     "compare 0 -> at[~proved] < least",
     "call -> (at[~proved] >= least).any()",
     "not -> ~~proved",
-    # first_excess: a piece that is inside is found to be so when it is first cut in two
+    # first_excess: a piece inside the limits is recognised when it is first halved
     "compare 0 -> lo - slack > b",
     "compare 0 -> b > hi + slack",
 )

@@ -1,4 +1,4 @@
-"""Proved on the source: `Guard` is the only caller of `Driver.send`, and only `clear` makes a ClearedTrajectory."""
+"""Checked in the source: `Guard` is the only caller of `Driver.send`, and only `clear` makes a ClearedTrajectory."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 
 def calls(package: str, name: str) -> set[str]:
-    """Files of a package in which something called `name` is called or fetched by name."""
+    """Files of a package that use `name` as an attribute, as a variable or as a string."""
     found = set()
     for file in sorted((ROOT / package).rglob("*.py")):
         for node in ast.walk(ast.parse(file.read_text())):
@@ -23,7 +23,7 @@ def calls(package: str, name: str) -> set[str]:
 
 def test_only_the_guard_sends() -> None:
     assert calls("safety", "send") == {"safety/guard.py"}
-    # the promises of a driver are tried on drivers without an arm; nothing that moves one imports them
+    # the driver contract tests run on drivers without an arm; nothing that moves an arm imports them
     assert calls("calib", "send") <= {"calib/testing/driver.py"}
     assert not any(
         "calib.testing" in file.read_text() for package in ("safety", "drivers") for file in (ROOT / package).rglob("*.py")
@@ -31,7 +31,7 @@ def test_only_the_guard_sends() -> None:
 
 
 def test_nobody_reaches_for_methods_by_computed_names_where_motion_is_commanded() -> None:
-    """`getattr(driver, "se" + "nd")` would pass the test above."""
+    """The test above would not notice `getattr(driver, "se" + "nd")`."""
     for name in (
         "guard",
         "coming_to_rest",

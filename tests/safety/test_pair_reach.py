@@ -1,4 +1,4 @@
-"""How fast a joint may bring two bodies nearer: never less than it does, and less than the farther body would say."""
+"""Bound on how fast a joint brings two bodies closer: never below the true rate, at most the larger bound of the two."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from sim.tree import Shape
 
 
 def pieces(arm: Arm, count: int, seed: int) -> Arm:
-    """The arm with random boxes, balls and convex pieces on its base and all links: bodies that stand badly to every axis."""
+    """The arm with random boxes, spheres, capsules and cylinders, aligned with no axis, as the shapes of base and links."""
     rng = np.random.default_rng(seed)
     shapes = []
     for k in range(count):
@@ -29,7 +29,7 @@ def pieces(arm: Arm, count: int, seed: int) -> Arm:
 
 
 def sliding(arm: Arm, joint: int) -> Arm:
-    """The arm with a slide in place of a hinge."""
+    """The arm with a prismatic joint in place of a hinge."""
     prismatic = arm.tree.prismatic.copy()
     prismatic[joint] = True
     return replace(arm, tree=replace(arm.tree, prismatic=prismatic))
@@ -51,11 +51,14 @@ def test_no_joint_changes_a_distance_faster(name: str) -> None:
             assert np.all(change <= clearance.reach[apart, j] * step + 2e-5)
             some = clearance.reach[apart, j] > 0.05
             close = max(close, float(np.max(change[some] / (clearance.reach[apart, j][some] * step), initial=0.0)))
-    assert close > 0.9  # the bound is reached, so half of it would be found out
+    assert close > 0.9  # the bound is nearly attained, so half of it would fail
 
 
 def test_the_bound_of_a_body_near_an_axis_is_its_own(ur5: Arm) -> None:
-    """A base is seen from the arm as near its first axis, however far the arm reaches; the arm itself is never nearer than that."""
+    """The first joint brings base and upper arm closer only slowly: the base is near its axis, however far the arm reaches.
+
+    For no pair is the bound above the larger reach of its bodies, or above zero for a joint that moves both or neither.
+    """
     base, upper = (next(s for s in ur5.tree.shapes if s.link == link) for link in (-1, 1))
     span = of_two_shapes(ur5, base, upper)
     assert span[0] < 0.2 < joint_reach(ur5, upper)[0]
@@ -74,7 +77,7 @@ def test_a_slide_between_two_bodies_carries_them_by_as_much_as_it_moves(ur5: Arm
     base, fore = (next(s for s in arm.tree.shapes if s.link == link) for link in (-1, 2))
     span = of_two_shapes(arm, base, fore)
     assert span[1] == 1.0
-    # seen from the base, the elbow is up to 2 m farther than it would be without the slide; so the fore-arm's own bound holds
+    # the slide can move the elbow up to 2 m farther from the base, so the bound of the forearm itself applies
     assert span[2] == from_beyond(arm, fore)[2]
 
 

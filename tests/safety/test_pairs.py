@@ -1,4 +1,4 @@
-"""Shapes that can never part are left out and named; shapes that part anywhere stay checked."""
+"""Shapes that overlap in every posture are left out and named; shapes that separate anywhere stay checked."""
 
 from dataclasses import replace
 
@@ -39,7 +39,7 @@ def test_shapes_built_into_each_other_are_left_out_and_named(arm):
 
 
 def test_shapes_that_part_somewhere_stay_checked(arm):
-    """A ball on the hand's side meets one on the fore-arm in a part of the range only."""
+    """A sphere at the hand touches one on the forearm in part of the range only."""
     sometimes = _with(arm, _ball(2, "elbow", 0.05), _ball(5, "hand", 0.05))
     clearance = Clearance(sometimes, load_cell("mock-ur10e"))
     pair = ("elbow", "hand")
@@ -57,7 +57,7 @@ def test_the_same_distances_with_and_without_a_pair_that_is_left_out(arm):
 
 
 def _stuck(arm, distance, margin=0.0, asked=0.003):
-    """What is left out of one pair whose distance, m, is a function of the posture."""
+    """What `never_part` leaves out of one pair whose distance, m, is a function of the posture."""
     return never_part(arm, lambda q, pairs: np.array([distance(q)])[pairs], np.array([margin]), np.array([asked]))
 
 
@@ -71,7 +71,7 @@ def test_kin_that_overlap_in_most_postures_and_leave_no_room_for_a_motion_are_le
     ("distance", "margin", "asked"),
     [
         (lambda q: 0.004 - 0.01 * abs(q[1]), 0.0, 0.001),  # a motion needs less
-        (lambda q: 0.0045 - 0.0005 * abs(q[1]), 0.0, 0.003),  # always near, seldom in each other
+        (lambda q: 0.0045 - 0.0005 * abs(q[1]), 0.0, 0.003),  # always close, rarely overlapping
         (lambda q: 0.006 - 0.01 * abs(q[1]), 0.0, 0.003),  # apart somewhere
         (lambda q: 0.017 - 0.01 * abs(q[1]), 0.01, 0.02),  # other links, which keep a margin
     ],
@@ -81,7 +81,7 @@ def test_pairs_for_which_a_motion_has_room_somewhere_stay_checked(arm, distance,
 
 
 def test_one_posture_of_many_in_which_kin_part_keeps_them_checked(arm):
-    """It is none of the few that are drawn first."""
+    """It is not among the few postures that are drawn first."""
     rare = next(q for q in postures(arm, MANY_POSTURES) if np.abs(postures(arm, POSTURES) - q).max(axis=1).min() > 0.1)
     assert _stuck(arm, lambda q: 0.02 if np.array_equal(q, rare) else 0.004 - 0.01 * abs(q[1])) == {}
 
@@ -102,7 +102,7 @@ REACH = np.array([0.2, 0.0, 0.1, 0.0, 0.0, 0.0])  # m/rad, of `waving`
 
 
 def waving(q):
-    """m apart, at least 0.35, where the first and the third joint move."""
+    """Distance in m, at least 0.35, that depends on the first and the third joint."""
     return 0.5 + 0.1 * np.cos(q[0]) + 0.05 * np.cos(q[2])
 
 

@@ -196,7 +196,7 @@ def test_a_mesh_of_the_cell_that_was_changed_is_another_cell(plan: Plan, arm: Ar
     walled = load_cell(file)
     before = hashes_of(arm, walled)
     mesh.write_bytes(b"b mesh")
-    assert hashes_of(arm, walled) == before  # what was read with the cell is what is looked at
+    assert hashes_of(arm, walled) == before  # the bytes that were read with the cell count
     assert hashes_of(arm, load_cell(file)).cell != before.cell
     mesh.unlink()
     with pytest.raises(ConfigError, match="obstacle wall"):

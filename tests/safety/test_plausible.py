@@ -1,4 +1,4 @@
-"""A setting that would switch a rule off is refused, unless the cell file lifts the refusal by the setting's name."""
+"""A setting that would disable a rule is refused, unless the cell file waives that setting by name."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How far and how fast points of the arm move, for slides, meshes and bodies that stand, too."""
+"""How far and how fast points of the arm move, also with prismatic joints, meshes and fixed bodies."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Each lie of a reading is found within its bound; honest readings, late, noisy and coarse, pass."""
+"""Each kind of false reading is found within its time bound; correct readings pass, even late, noisy and coarse ones."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ NOTHING = np.full(6, np.nan)
 
 
 class Readings:
-    """The rules that compare readings with each other, alone."""
+    """Only the rules that compare readings with each other."""
 
     def __init__(self, arm: Arm, cell: Cell, clearance: Clearance, first: JointState) -> None:
         self.monitor = Monitor(arm, cell, RATE, clearance, first)
@@ -44,7 +44,7 @@ class Readings:
 
 
 def stream(arm: Arm, seconds: float, seed: int = 0, lag: float = 0.0, speed: float = 0.3) -> list[JointState]:
-    """Readings of joints on sines, noisy as the arm's sensors say, the speed `lag` s late; the torque follows the posture."""
+    """Readings of sinusoidal joint motions with sensor noise; the speed is `lag` s late, the torque depends on the posture."""
     rng, out = np.random.default_rng(seed), []
     for k in range(round(seconds * RATE)):
         t = k / RATE
@@ -89,7 +89,7 @@ def test_a_speed_that_is_not_that_of_the_position_is_found(
     trip = found(arm, cell, clearance, states)
     assert trip is not None
     assert "reported speed" in trip[0]
-    assert trip[1] <= begin / RATE + rules.SPAN + 0.35  # a scale is seen once the joint is fast enough
+    assert trip[1] <= begin / RATE + rules.SPAN + 0.35  # a wrong scale is noticed once the joint is fast enough
 
 
 def test_a_frozen_torque_is_found(arm: Arm, cell: Cell, clearance: Clearance) -> None:
@@ -106,7 +106,7 @@ def test_a_frozen_torque_is_found(arm: Arm, cell: Cell, clearance: Clearance) ->
 
 
 def test_a_torque_that_does_not_follow_the_motion_is_found(arm: Arm, cell: Cell, clearance: Clearance) -> None:
-    """It goes on making noise, but shows nothing of the motion."""
+    """The torque stays noisy but does not follow the motion."""
     rng = np.random.default_rng(0)
     states = [replace(s, tau=40 * np.sin(HOME) + rng.normal(0, 0.1, 6)) for s in stream(arm, 6.0, speed=1.2)]
     trip = found(arm, cell, clearance, states)

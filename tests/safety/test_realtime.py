@@ -1,4 +1,4 @@
-"""What the system grants is requested in a process of its own; what it does not grant is reported."""
+"""Real-time settings are requested in a separate process; what the system does not grant is reported."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ import pytest
 
 from safety import realtime
 
-# the file by itself: the package, of which nothing else is asked here, takes a second or two to import
+# load the file by itself: importing the package, of which nothing else is needed, takes a second or two
 ALONE = """
 import importlib.util, sys
 found = importlib.util.spec_from_file_location("realtime", "safety/realtime.py")
@@ -36,7 +36,7 @@ print(json.dumps([granted, gc.isenabled(), os.sched_getscheduler(0) == os.SCHED_
 
 
 def child(code: str, *words: str) -> str:
-    """What a process of its own prints."""
+    """The standard output of a separate process."""
     root = Path(__file__).resolve().parents[2]
     done = subprocess.run([sys.executable, "-c", ALONE + code, *words], capture_output=True, text=True, cwd=root, check=False)
     assert done.returncode == 0, done.stderr

@@ -1,4 +1,4 @@
-"""Rules of the monitor on rows of their own: what they remember from reading to reading, and which joint they report."""
+"""Rules of the monitor on rows of their own: what they keep from reading to reading, and which joint they report."""
 
 from __future__ import annotations
 
@@ -34,12 +34,12 @@ def followed(r: np.ndarray, x: np.ndarray, out: np.ndarray, path: np.ndarray, q:
 
 
 def test_a_joint_may_be_anywhere_on_the_path_of_a_while_ago(r: np.ndarray, x: np.ndarray, out: np.ndarray) -> None:
-    """Commanded 0.1 rad further in each cycle, it is 0.15 rad behind: on the second of three steps."""
+    """The command advances by 0.1 rad per cycle; the joint is 0.15 rad behind, on the second of the last three steps."""
     x[Of.ROOM], path = 0.01, np.zeros((3, 2 * TWO + 1))
     found = [followed(r, x, out, path, q, command) for q, command in ((0.0, 0.1), (0.05, 0.2), (0.15, 0.3))]
     assert found == [NONE, NONE, NONE]
     assert r[Row.WORST_ERROR, 0] == pytest.approx(0.0, abs=1e-12)
-    # the step on which it was is no longer among the last three
+    # that step is no longer among the last three
     assert [followed(r, x, out, path, 0.05, command) for command in (0.4, 0.5)] == [0, 0]
     assert out[0] == pytest.approx(0.15)
 
@@ -85,7 +85,7 @@ def test_of_two_frozen_joints_the_first_is_reported(r: np.ndarray, x: np.ndarray
     ("noise", "expected", "found"),
     [
         (0.1, (0.0, 3.0, 6.0, 9.0), [NONE, NONE, NONE, 0]),
-        (0.1, (0.0, 0.01, 0.02, 0.03), [NONE] * 4),  # nothing of the motion changes it
+        (0.1, (0.0, 0.01, 0.02, 0.03), [NONE] * 4),  # the motion hardly changes the expected torque
         (0.0, (0.0, 3.0, 6.0, 9.0), [NONE] * 4),  # a sensor without noise repeats itself
     ],
 )
@@ -151,7 +151,7 @@ def test_a_reading_without_expectation_or_torque_begins_the_swing_anew(
 
 
 def test_a_device_clock_may_have_begun_at_any_time(r: np.ndarray, x: np.ndarray, out: np.ndarray) -> None:
-    """The first block of arrivals is what later ones are compared with."""
+    """Later blocks of arrivals are compared with the first."""
     x[Of.BLOCK], x[Of.DRIFT], x[Of.JITTER], x[Of.BLOCK_LEAST], x[Of.BLOCK_END] = 1.0, 5e-4, 3e-3, np.inf, 51.0
     found = []
     for t_device, late in ((50.5, 0.01), (51.0, 0.0), (51.5, 0.002), (52.0, 0.0), (53.0, 0.0051)):

@@ -1,4 +1,4 @@
-"""The monitor process: when it wants a stop, and when it takes the arm from the guard."""
+"""The monitor process: when it requests a stop, and when it takes over from the guard."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def watch(arm: Arm, cell: Cell, clearance: Clearance, tube: VerifiedSamples) -> 
 
 
 class Seen:
-    """A guard that drives `motion` as leg 0 and an arm that is where it was commanded one period ago."""
+    """A guard that drives `motion` as leg 0, and an arm that follows one period later."""
 
     def __init__(self, watch: Watch, motion: ClearedTrajectory) -> None:
         self.watch, self.motion = watch, motion

@@ -1,4 +1,4 @@
-"""Bodies of arm and cell: what could lie about where they are or how large is refused, and the others have their distance."""
+"""Bodies of arm and cell: a doubtful position or size is refused; distances are computed for all others."""
 
 from __future__ import annotations
 

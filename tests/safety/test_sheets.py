@@ -1,4 +1,4 @@
-"""Whatever a motion, our stop or the device's stop passes through lies in the boxes, from samples and from between them."""
+"""All states of a motion, our stop or the device's stop lie in the boxes, at samples and between them."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def test_our_stops_lie_in_their_boxes_and_in_their_parts(arm: Arm, fast: Traject
 def test_device_stops_from_any_instant_and_by_any_allowed_deceleration_lie_in_their_boxes(
     arm: Arm, fast: Trajectory, proportional: bool, softest: float
 ) -> None:
-    """Written down by itself: begin anywhere between two samples, coast, brake with a deceleration that the device may have."""
+    """An independent implementation: begin anywhere between two samples, coast, brake with any allowed deceleration."""
     device, latency = DeviceStop(0.02, 4.0, proportional), 0.01
     sheet = DeviceStops(fast, arm, device, latency, softest)
     motion, rng = sine(amplitude=0.4, duration=3.0), np.random.default_rng(0)
@@ -115,7 +115,7 @@ def test_boxes_with_one_bound_that_is_none_are_not_finite(bound: str, value: flo
 
 @pytest.mark.parametrize(("spare", "allowed"), [(2e-5, True), (-2e-5, False)])
 def test_a_stop_that_would_pass_a_limit_is_refused(arm: Arm, spare: float, allowed: bool) -> None:
-    """One state, moving towards the limit of one joint: the limit is just beyond, or just before, where the stop ends."""
+    """One joint moves towards its limit, which lies just beyond, or just before, the end of the stop."""
     arm = replace(arm, jerk_max=np.full(6, 1e-3))
     dq, ddq = np.full((2, 6), 1.5), np.zeros((2, 6))
     motion = Trajectory(np.array([0.0, 1e-3]), np.vstack((HOME, HOME + 0.0015)), dq, ddq)
@@ -148,7 +148,7 @@ def test_a_stop_that_would_pass_a_limit_is_refused(arm: Arm, spare: float, allow
 def test_what_nobody_holds_is_gone_without_a_collection(
     arm: Arm, fast: Trajectory, made: Callable[[Trajectory, Arm], OwnStops | DeviceStops]
 ) -> None:
-    """The boxes of one long motion are megabytes, those of a plan hundreds, and a control loop runs without the collector."""
+    """Boxes of a long motion take megabytes, of a plan hundreds of megabytes; a control loop runs without the collector."""
     gc.disable()
     try:
         stops = made(fast, arm)

@@ -1,4 +1,4 @@
-"""What guard and monitor process show each other comes over whole, in another process too."""
+"""What guard and monitor process show each other arrives complete, also in another process."""
 
 from __future__ import annotations
 

@@ -27,7 +27,7 @@ def sliding(arm: Arm, slides: tuple[int, ...]) -> Arm:
 @pytest.mark.parametrize("slides", [(), (0,), (2,), (0, 5)])
 @pytest.mark.parametrize("tilted", [False, True])
 def test_no_torque_changes_faster_than_its_bound(arm: Arm, cell: Cell, slides: tuple[int, ...], tilted: bool) -> None:
-    """Also of an arm on a tilted base, where no axis is upright; a slope that is near its bound shows that the test could fail."""
+    """This includes a tilted base, where no axis is vertical. A slope above half its bound shows that the test can fail."""
     arm = sliding(arm, slides)
     if tilted:
         arm = replace(arm, tree=replace(arm.tree, gravity=np.array([3.0, 4.0, -8.4])))
@@ -79,7 +79,7 @@ def test_no_doubt_of_the_masses_changes_inertia_by_more_than_its_bound(arm: Arm,
 
 
 def test_what_a_joint_does_not_move_adds_no_doubt_to_it(arm: Arm, cell: Cell) -> None:
-    """A heavy first link, as the trunk on a lift is, which the joints after it do not move."""
+    """The joints after a heavy first link, such as the trunk on a lift, do not move it."""
     arm = replace(arm, prior=UNSURE)
     first = np.arange(arm.n) == 0
     tree = replace(arm.tree, mass=arm.tree.mass * np.where(first, 100.0, 1.0), com=arm.tree.com + 0.1 * first[:, None])

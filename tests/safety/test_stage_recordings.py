@@ -1,4 +1,4 @@
-"""The recordings of a stage that ended are closed, whatever fails beside them."""
+"""The recordings of a finished stage are closed, whatever else fails."""
 
 from __future__ import annotations
 

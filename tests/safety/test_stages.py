@@ -1,4 +1,4 @@
-"""Slow first: a stage is passed only where what was seen lets expect that the next is safe."""
+"""Slow first: a stage passes only if its measurements predict that the next one is safe."""
 
 from __future__ import annotations
 

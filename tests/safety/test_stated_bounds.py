@@ -1,4 +1,4 @@
-"""What is stated of an arm counts in its bounds, and what has no bound is refused."""
+"""Facts stated about an arm enter its bounds; an effect without a bound is refused."""
 
 from __future__ import annotations
 
@@ -40,7 +40,10 @@ def test_fitted_parameters_are_doubted_by_their_deviation(arm: Arm, cell: Cell) 
 
 
 def test_dry_friction_that_a_law_takes_back_is_counted_once(arm: Arm, cell: Cell) -> None:
-    """Identification writes the level as a Coulomb level, and takes from its sharp step what builds up later."""
+    """Identification writes the level as Coulomb friction.
+
+    The friction law then replaces part of that sharp step by a slower build-up.
+    """
     zero = {p.name: 0.0 for p in effect_named("friction_law").parameters}
     made = with_effect(replace(arm, prior=SURE), ArmEffect("coulomb_friction", "j2", {"coulomb": 10.0}))
     made = with_effect(made, ArmEffect("friction_law", "j2", zero | {"slip_1e-4": -8.0, "slip_1e-2": 8.0}, {"slip_1e-4": 1e-9}))
@@ -74,7 +77,7 @@ def test_a_drive_that_is_limited_lowers_what_a_motion_may_need(arm: Arm, cell: C
 
 @pytest.mark.parametrize("name", [n for n in BOUNDED if n != "torque_saturation"])
 def test_no_effect_of_the_file_is_a_sudden_change(arm: Arm, cell: Cell, name: str) -> None:
-    """What the monitor compares with: an arm that is as its file says moves its residual no faster than it is allowed to."""
+    """The residual of an arm that matches its file never changes faster than the monitor allows."""
     rng = np.random.default_rng(5)
     made, motion = arm_with(arm, name, rng), wild(rng)
     residual = predict(made, motion) - torque_interval(motion, made, cell).tau_hat

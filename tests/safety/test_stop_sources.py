@@ -1,4 +1,4 @@
-"""Whoever may ask for a stop is heard, and a second wish does not take the first one back."""
+"""Every source of stop requests is heard, and a second request does not cancel the first."""
 
 from __future__ import annotations
 

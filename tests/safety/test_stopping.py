@@ -1,4 +1,4 @@
-"""The stop that is driven keeps every limit, from every sample, along the path where it can."""
+"""The commanded stop keeps every limit, from every sample, and stays on the path where possible."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def test_every_stop_keeps_every_limit_and_ends_at_rest(arm: Arm, cleared: Cleare
 
 
 def test_there_is_a_stop_from_every_sample(arm: Arm, cleared: ClearedTrajectory) -> None:
-    """Whatever its time comes to in periods: a last step of less than a rounding error once was an error."""
+    """Stops end anywhere between two periods; a last step shorter than a rounding error once raised an error."""
     for k in range(len(cleared)):
         stop = stop_from(cleared, k, arm)
         assert not stop.dq[-1].any()

@@ -1,4 +1,4 @@
-"""The bound on sudden changes of the residual holds for every parameter set in the box, and a lost load goes beyond it."""
+"""The bound on sudden changes of the residual holds for every parameter set in the box; a lost load exceeds it."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ RATE = 500.0
 
 
 def sent(motion: Trajectory) -> Trajectory:
-    """The motion at RATE."""
+    """The motion, resampled at RATE."""
     t = np.arange(0.0, motion.t[-1], 1 / RATE)
     at = [np.stack([np.interp(t, motion.t, x) for x in rows.T], axis=1) for rows in (motion.q, motion.dq, motion.ddq)]
     return Trajectory(t, *at)

@@ -1,4 +1,4 @@
-"""The tool and what it holds are bodies: where they stand, how large they are, and that a motion keeps them clear."""
+"""A tool is a body: its position and size, its pairs, its fastest point, and the clearance that it needs."""
 
 from __future__ import annotations
 

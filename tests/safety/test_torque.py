@@ -1,4 +1,4 @@
-"""What an arm states of its friction is expected of it, with its doubt; what nobody stated is not taken for none."""
+"""Friction that an arm states is expected, with its doubt; friction that is not stated is not assumed to be zero."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def test_a_motion_that_an_unknown_could_make_too_heavy_is_refused_and_the_unknow
 ) -> None:
     motion = sine(amplitude=0.2, duration=3.0, step=0.002)
     clear(motion, arm, cell)
-    # torque limits at which what is known of the arm just suffices
+    # torque limits that just suffice for what is known of the arm
     known = torque_interval(motion, arm, cell)
     tight = replace(arm, tau_max=1.01 * (np.abs(known.tau_hat) + known.doubt).max(axis=0) + 0.05)
     check_torque(motion, torque_interval(motion, tight, cell), tight)
@@ -79,11 +79,11 @@ def test_what_was_fitted_is_doubted_by_its_own_deviation_and_what_was_not_by_the
 
 
 def test_rms_torque_counts_only_where_it_lasts(arm: Arm, cell: Cell) -> None:
-    """A peak of a second above what a drive holds for any time is no harm, a motion of a minute is."""
+    """Peaks above the continuous torque are allowed; an RMS torque above it is refused."""
     short, long = sine(amplitude=0.2, duration=3.0, step=0.002), sine(amplitude=0.2, duration=60.0, step=0.01)
     torque = torque_interval(long, arm, cell)
     used = check_torque(long, torque, arm)
-    assert 0 < used["rms torque"] <= used["tau"]  # of tau_max where nothing else is stated
+    assert 0 < used["rms torque"] <= used["tau"]  # relative to tau_max if no continuous torque is stated
     worst = np.abs(torque.tau_hat) + torque.doubt
     held = np.sqrt((worst**2).mean(axis=0))
     fits = replace(arm, torque_continuous=np.maximum(1.1 * held, 5.0))

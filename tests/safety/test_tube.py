@@ -1,4 +1,4 @@
-"""Torque, power, speed and range keep their limits everywhere in the tube: looked at again with other code at random states in it."""
+"""Torque, point speed and range keep their limits everywhere in the tube, checked by other code at random states in it."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def heavy(cell: Cell, mass: float) -> Cell:
 
 
 def random_arm(arm: Arm, cell: Cell, rng: np.random.Generator) -> tuple[RigidBody, np.ndarray]:
-    """Links from within the prior's two standard deviations, the payload a fifth off: the torque of these must be covered."""
+    """A body within the prior's two standard deviations and with the payload a fifth off, whose torque must be covered."""
     tree, prior = arm.tree, arm.prior
     mass, com, inertia = tree.mass.copy(), tree.com.copy(), tree.inertia.copy()
     for j in range(arm.n):
@@ -51,7 +51,7 @@ def random_arm(arm: Arm, cell: Cell, rng: np.random.Generator) -> tuple[RigidBod
 def states_of(
     sheet: Sheet, room: np.ndarray, rng: np.random.Generator, count: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Random states of random boxes, beside them by as much as is proved."""
+    """Random states in random boxes, with q moved off by the verified room."""
     rows, stages = sheet.boxes.lo.shape[:2]
     k, m = rng.integers(rows, size=count), rng.integers(stages, size=count)
     lo, hi = sheet.boxes.lo[k, m], sheet.boxes.hi[k, m]
@@ -85,7 +85,7 @@ def test_no_state_in_the_tube_needs_more_than_there_is(arm: Arm, cell: Cell, kin
 
 
 def test_a_limit_just_below_what_a_state_takes_is_refused(arm: Arm, cell: Cell) -> None:
-    """Each bound again with the limit moved under what is really reached."""
+    """Torque and point speed are refused if their limit is below what the motion reaches."""
     motion = sine(amplitude=0.4, duration=3.0, step=0.002)
     sheet = PathSheet(motion, arm)
     body = RigidBody(arm)
@@ -111,7 +111,7 @@ def test_a_box_that_proves_too_little_gets_the_room_of_its_parts(arm: Arm, cell:
 
 def test_a_heavy_load_makes_the_stop_softer_and_longer_and_it_is_still_proved(arm: Arm, cell: Cell) -> None:
     motion = sine(amplitude=0.12, duration=3.0)
-    # the test arm brakes with up to 20 rad/s^2: with a load at its tip its shoulder cannot
+    # the test arm brakes with up to 20 rad/s^2, which its shoulder cannot do with a load at the tip
     strong, weak = arm, replace(arm, tau_max=np.array([330.0, 215.0, 120.0, 36.0, 36.0, 36.0]))
     easy, hard = clear(motion, strong, heavy(cell, 0.1)), clear(motion, weak, heavy(cell, 6.0))
     assert easy.verdict.braking == 1.0

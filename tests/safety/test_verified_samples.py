@@ -1,4 +1,4 @@
-"""The verified motions of a stage: every sample of them, and none that an arm could not follow."""
+"""The verified motions of a stage: every sample is available, and motions that an arm could not follow are refused."""
 
 from __future__ import annotations
 

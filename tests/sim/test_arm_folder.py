@@ -1,4 +1,4 @@
-"""An arm written to a folder reads back as what was meant, to the last digit, and plain MuJoCo simulates it."""
+"""An arm written to a folder reads back as intended, to the last digit, and plain MuJoCo loads it."""
 
 import os
 from dataclasses import replace

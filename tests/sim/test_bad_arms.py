@@ -1,4 +1,4 @@
-"""An arm file that breaks a rule is refused with what, where and the remedy; none is repaired or half read."""
+"""An arm file that breaks a rule is refused with the fault and the file; it is not repaired or read in part."""
 
 import re
 import shutil

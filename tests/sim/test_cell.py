@@ -1,4 +1,4 @@
-"""A cell whose postures or obstacles its arm cannot have is refused with the joint, the value and the rule."""
+"""A cell with impossible postures, obstacles, effects or names is refused; the error names the entry and the rule."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""The union of the capsules, and of the convex pieces, holds every point of a mesh, and is smaller than one capsule where the mesh is bent."""
+"""Capsules, and convex pieces, enclose every point of a mesh. For a bent mesh they are smaller than one capsule or hull."""
 
 from dataclasses import replace
 
@@ -78,7 +78,7 @@ def test_every_point_of_the_surface_is_in_a_convex_piece(name, ur10e_tree):
     )
     points = points @ turn.T + place
     assert np.any([_in(piece, points) for piece in pieces], axis=0).all()
-    if name == "can":  # its flat ends are no half balls
+    if name == "can":  # its flat ends are not hemispheres
         assert [piece.kind for piece in pieces] == ["mesh"]
 
 

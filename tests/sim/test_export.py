@@ -1,4 +1,4 @@
-"""What is exported means the same to MuJoCo, to Pinocchio and to ROS's URDF parser (which is Pinocchio's)."""
+"""Exports mean the same to MuJoCo, Pinocchio and ROS's URDF parser, which Pinocchio uses."""
 
 import csv
 import json
@@ -32,7 +32,7 @@ def motion(n, samples=60):
 
 
 def mujoco_torque(path, q, dq, ddq):
-    """Inverse dynamics of the rigid bodies alone: no contact, limit, friction or rotor."""
+    """Inverse dynamics of the rigid bodies alone: no contacts, limits, springs, friction or reflected inertia."""
     model = mujoco.MjModel.from_xml_path(str(path))
     model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_SPRING
     model.dof_damping[:] = 0
@@ -89,7 +89,7 @@ def test_urdf_read_back_is_the_same_arm(exported):
     back = load_arm(files[".urdf"])
     for key in ("mass", "com", "inertia", "position", "rotation", "frictionloss", "damping"):
         if arm.name == "ur10e" and key in ("position", "rotation") and arm.gravity[2] > -9.8:
-            continue  # the tilt of the base stands in the first frame
+            continue  # the first frame holds the tilt of the base
         np.testing.assert_allclose(getattr(back.tree, key), getattr(arm.tree, key), rtol=0, atol=1e-14, err_msg=key)
     for key in ("q_min", "q_max", "dq_max", "tau_max"):
         np.testing.assert_array_equal(getattr(back, key), getattr(arm, key))
@@ -127,7 +127,7 @@ def test_standard_deviations_reach_the_table(tmp_path):
 
 
 def test_origin_of_the_inertial_is_the_centre_of_mass_in_the_links_frame(tmp_path):
-    """A pendulum whose torque is known by hand: 2 kg at 0.3 m beside a horizontal axis, inertia 0.05 kg m^2 about its centre."""
+    """A pendulum with known torque: 2 kg at 0.3 m from a horizontal axis, inertia 0.05 kg m^2 about its centre of mass."""
     (tmp_path / "p.xml").write_text(
         '<mujoco model="p"><worldbody><body name="rod" pos="0 0 1"><joint name="hinge" axis="0 1 0" range="-170 170"/>'
         '<inertial mass="2" pos="0.3 0 0" diaginertia="0.05 0.05 0.05"/></body></worldbody>'
@@ -217,7 +217,7 @@ def test_a_controller_gets_friction_payload_and_gravity(tmp_path):
 
 
 def test_the_friction_table_holds_a_fitted_law_as_it_is_in_steady_motion():
-    """The law has memory: after a long way in one direction every slip element is fully built up, whatever its displacement."""
+    """The law has memory: after long travel in one direction every slip element is fully built up, whatever its width."""
     terms = {"slip_1e-4": 0.5, "slip_1e-1": 0.7, "power_1": 0.2, "stribeck_0.1": 0.4, "load": 9.0}
     law = effect_named("friction_law")
     values = {p.name: 0.0 for p in law.parameters} | terms

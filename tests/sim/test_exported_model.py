@@ -1,4 +1,4 @@
-"""The MuJoCo model of an arm is the arm: its limits, gear ratios, keyframes, soft gears and contacts, and nothing that no arm has."""
+"""The exported MuJoCo model has the arm's limits, gear ratios, keyframes, soft gears and contacts, and no other effects."""
 
 from dataclasses import replace
 
@@ -50,7 +50,7 @@ def test_keeps_the_effects_of_the_models_that_were_used_last(monkeypatch, tmp_pa
 
 
 def torque_of(arm, q, dq, ddq):
-    """Bodies, damping, reflected inertia and springs."""
+    """Torque (N, n) N m of bodies, damping, reflected inertia and springs."""
     tree = arm.tree
     passive = tree.damping * dq + tree.armature * ddq + tree.stiffness * (q - tree.springref)
     return RigidBody(arm).inverse_dynamics(q, dq, ddq) + passive
@@ -70,7 +70,7 @@ FOREIGN = {
 
 @pytest.mark.parametrize(("what", "parts"), [*FOREIGN.items(), ("", {"motor": 'armature="0.002" damping="0.003"'})])
 def test_computes_the_torque_of_the_arm_whatever_its_source_adds(what, parts, tmp_path):
-    """And names what it left out; armature and damping of a motor count at the joint."""
+    """The export names what it left out. Armature and damping of a motor count at the joint."""
     arm = load_arm(two(tmp_path, **parts))
     exported, rng = exported_model(arm), np.random.default_rng(1)
     q, dq, ddq = (rng.uniform(-1, 1, (20, 2)) * scale for scale in (1, 2, 5))
@@ -123,7 +123,7 @@ def test_sums_the_torque_of_all_motors_of_a_joint(tmp_path):
 
 
 def test_tells_the_motors_of_joints_with_like_names_apart(tmp_path):
-    """And counts no comment as a motor: the limits of geared motors behind one stay theirs."""
+    """A comment does not count as a motor: geared motors after it keep their own limits."""
     file = two(tmp_path)
     text = file.read_text().replace("second", "first_1").replace("<actuator>", "<actuator><!-- two drives -->")
     file.write_text(text.replace("</actuator>", '<motor joint="first" gear="3" ctrlrange="-1 1"/></actuator>'))
@@ -175,7 +175,7 @@ JOINT = """<joint name="j{k}" type="revolute"><parent link="l{up}"/><child link=
 
 
 def test_bodies_that_are_built_into_each_other_do_not_touch(tmp_path):
-    """Base and first link overlap at their joint, and so do, around a short link, the first and the third."""
+    """Base and first link overlap at their joint, and so do the first and third links around a short second one."""
     links = "".join(
         LINK.format(k=k, z=z, length=length) for k, z, length in ((0, 0.0, 0.3), (1, 0.1, 0.3), (2, 0.0, 0.02), (3, 0.2, 0.3))
     )

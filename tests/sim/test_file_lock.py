@@ -1,4 +1,4 @@
-"""A device has one owner at a time, who is named to the next, and a lock that cannot be taken is a refusal."""
+"""A device has one owner at a time. The next program is refused with the owner's PID, or if the lock cannot be opened."""
 
 import os
 import signal
@@ -51,7 +51,7 @@ def test_a_lock_file_of_any_content_is_no_reason_to_fail(locks: Path) -> None:
             file.write_bytes(content)
             with pytest.raises(DeviceError, match="is using it"):
                 lock_device("can0")
-    assert file.stat().st_mode & 0o777 == 0o666  # for every user, whoever came first
+    assert file.stat().st_mode & 0o777 == 0o666  # usable by every user, no matter who created it
 
 
 def test_a_lock_that_cannot_be_taken_is_a_refusal(locks: Path, tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""What a file holds is read within bounds or refused in one sentence, and never steers a terminal."""
+"""The content of a file is read within bounds or refused in one sentence, and never controls a terminal."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The wait for compiled kernels is announced once, and only where they are really compiled."""
+"""The compilation of kernels is announced once, and only if kernels are really compiled."""
 
 import numba
 import numpy as np
@@ -18,7 +18,7 @@ def sentences():
 
 
 def test_reported_once_where_kernels_are_compiled(sentences):
-    RigidBody(load_arm("ur5e"))  # its kernels bring the listener along
+    RigidBody(load_arm("ur5e"))  # its kernels register the listener
     numba.njit(lambda x: x + 1)(np.zeros(2))
     numba.njit(lambda x: x + 2)(np.zeros(2))
     assert len(sentences) == 1

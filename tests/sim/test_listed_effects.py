@@ -1,4 +1,4 @@
-"""Effects that an arm.toml lists: bodies are part of the arm, and each is one that the catalogue knows so."""
+"""Effects that arm.toml lists: payload and base tilt become part of the arm, and every entry must match the catalogue."""
 
 import numpy as np
 import pytest
@@ -25,7 +25,7 @@ parameters = {{ {parameters} }}
     ids=lambda e: e.effect,
 )
 def test_a_body_that_arm_toml_lists_is_part_of_the_arm(item, tmp_path):
-    """As if it had been written into the model: torque, export and payload table."""
+    """As if it had been written into the model: same torque and same exported model."""
     meant = write_arm(tmp_path / "meant", load_arm("ur5e"), effects=[item])
     write_arm(tmp_path / "listed", load_arm("ur5e"))
     toml = tmp_path / "listed" / "arm.toml"

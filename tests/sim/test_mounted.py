@@ -1,4 +1,4 @@
-"""Payloads on an arm that holds one."""
+"""A second payload on an arm that has one."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ from sim.mjcf_edit import mounted
 
 @pytest.mark.parametrize("second", [(0.7, 0.0, 0.021, 0.08), (1.5, 0.05, -0.01, 0.1), (0.3, 0.1, 0.1, 0.0)])
 def test_a_second_payload_stands_beside_the_first(second, tmp_path):
-    """Two points have no moment about their line, which MuJoCo takes as a principal moment only."""
+    """Two point masses have no moment of inertia about their line, which MuJoCo accepts only as a principal moment."""
     arm, names = load_arm("ur10e"), ("mass", "com_x", "com_y", "com_z")
     points = [(0.7, 0.0, 0.02, 0.08), second]
     items = [ArmEffect("payload", None, dict(zip(names, point, strict=True))) for point in points]

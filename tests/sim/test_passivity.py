@@ -1,4 +1,4 @@
-"""Friction that drives its joint is found, at the speed where it drives most; friction that brakes is not."""
+"""Friction that drives its joint is found, at the speed where it drives most; friction that brakes is not reported."""
 
 from __future__ import annotations
 

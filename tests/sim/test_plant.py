@@ -1,4 +1,4 @@
-"""The emulated drive reports torque and position of one instant, and follows an arm whose links push one another and whose rotors nobody stated, as well as one that has them."""
+"""The emulated drive reports torque and position of one instant, and also follows arms without stated reflected inertia."""
 
 from dataclasses import replace
 
@@ -18,7 +18,7 @@ HOME = np.array([0.0, -1.4, 1.3, -1.4, -1.2, 0.3])
 
 
 def _followed(arm, q):
-    """The largest error, rad, over half a second of a smooth motion from q."""
+    """Largest following error, rad, over half a second of smooth motion from q."""
     plant, step, worst = Plant(arm), 1 / arm.sensors.rate, 0.0
     plant.reset(q)
     for k in range(int(0.5 / step)):
@@ -52,7 +52,7 @@ def test_inertias_that_no_body_has_are_refused_in_a_sentence():
 
 
 def test_a_recording_of_an_arm_without_stated_limits_can_be_simulated():
-    """An arm of which only the geometry is known has no limits until somebody states them; validate and diagnose need a plant all the same."""
+    """An arm known only by its geometry has no limits until they are stated, but validate and diagnose still need a plant."""
     arm = load_arm("ur10e")
     nobody = np.full(arm.n, np.nan)
     unstated = replace(arm, q_min=nobody, q_max=nobody, dq_max=nobody, tau_max=nobody)
@@ -60,7 +60,7 @@ def test_a_recording_of_an_arm_without_stated_limits_can_be_simulated():
 
 
 def test_light_links_that_rub_follow_without_rotors():
-    """A wrist of 1e-3 kg m^2 with 1 N m of dry friction: a drive that knows its mass alone leaves it 46 mrad behind."""
+    """A wrist of 1e-3 kg m^2 with 1 N m of dry friction: it lags by 46 mrad if the drive accounts for inertia only."""
     arm = load_arm("ur10e")
     for joint in arm.joint_names:
         for effect, parameter, value in (
@@ -74,7 +74,7 @@ def test_light_links_that_rub_follow_without_rotors():
 
 @pytest.mark.parametrize("rate", [500.0, 250.0, 200.0])
 def test_torque_and_position_are_of_one_instant(rate):
-    """The torque reported behaves as inverse dynamics of the positions reported, with no delay: a clean mock has no time_delay."""
+    """Reported torque matches inverse dynamics of reported positions without delay, so a clean mock has no time_delay."""
     arm = load_arm("ur10e")
     bare = arm
     for joint in arm.joint_names:
@@ -135,7 +135,7 @@ jerk_max = [100.0, 100.0, 100.0]\ntau_max = [90.0, 90.0, 90.0]\n[provenance]\nal
 
 
 def test_it_is_steady_where_two_axes_meet_on_the_way(tmp_path):
-    """Where the arm was switched on its axes 1 and 3 stand across each other; gains by what each joint carries settle there, not where they meet."""
+    """Axes 1 and 3 start perpendicular and align on the way, where gains by each joint's own inertia do not settle."""
     (tmp_path / "arm.toml").write_text(TABLE)
     (tmp_path / "model.xml").write_text(COAXIAL)
     arm = load_arm(tmp_path)
@@ -149,7 +149,7 @@ def test_it_is_steady_where_two_axes_meet_on_the_way(tmp_path):
         plant.command(target, dq, np.zeros(3))
         plant.advance(step)
         worst = max(worst, float(np.abs(plant.data.qpos - target).max()))
-    assert worst < 5e-3  # the speed times a period is 2.5e-3
+    assert worst < 5e-3  # speed times period is 2.5e-3
 
 
 @pytest.mark.parametrize("stated", [True, False])

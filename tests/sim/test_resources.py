@@ -1,4 +1,4 @@
-"""A wrong name is answered with the nearest right one, and with all of them."""
+"""An unknown name is answered with the nearest known one and the list of all."""
 
 import pytest
 

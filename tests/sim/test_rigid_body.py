@@ -138,7 +138,7 @@ def test_base_parameters_carry_the_whole_torque(name: str) -> None:
 
 
 def test_arms_of_one_build_have_base_parameters_of_the_same_names() -> None:
-    # many sets serve alike: which one is taken must not hang on rounding, nor on an arm's own numbers
+    # many sets are equivalent: the choice must not depend on rounding or on an arm's own numbers
     names = [tuple(RigidBody(load_arm(name)).base().columns) for name in ("ur3e", "ur5e", "ur10e", "ur16e", "ur20")]
     assert len(set(names)) == 1
 

@@ -1,4 +1,4 @@
-"""The contract of every shipped arm: it loads, its numbers are possible, and its shapes touch nothing in ordinary poses."""
+"""The contract of every shipped arm: it loads, its numbers are physical, and ordinary poses are free of self-contact."""
 
 import math
 
@@ -90,7 +90,7 @@ def test_motors_have_the_published_torque_and_can_hold_the_arm(arm):
 
 @pytest.mark.parametrize("pose", POSES)
 def test_ordinary_poses_are_free_of_self_contact(arm, pose):
-    # the UR18's forearm is so short that its wrist, as large as here estimated, meets the upper arm when it is folded that far
+    # the UR18's forearm is so short that its wrist, at the size estimated here, touches the upper arm when folded that far
     q = (0, -2.3, 2.3, -HALF, -HALF, 0) if (arm.name, pose) == ("ur18", "folded") else POSES[pose]
     assert SelfContact(arm)(q) == []
 
@@ -126,7 +126,7 @@ def test_a_fully_bent_elbow_is_a_contact(arm):
     ],
 )
 def test_reach_is_the_published_one(name, reach):
-    # the data sheets measure the reach to the centre of the wrist, and round it; the UR30's kinematics give 0.89 of its 1.3 m
+    # data sheets give the rounded reach to the centre of the wrist; the UR30's kinematics give 0.89 of its 1.3 m
     arm = load_arm(name)
     model = mujoco.MjModel.from_xml_string(arm.model_text)
     data = mujoco.MjData(model)

@@ -1,4 +1,4 @@
-"""Units of slides beside those of joints that turn."""
+"""Units in column headings for arms with hinges, slides or both."""
 
 from __future__ import annotations
 

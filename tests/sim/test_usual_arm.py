@@ -1,4 +1,4 @@
-"""What an emulated arm has where nobody stated its drives and sensors: an ordinary drive's, known to its own loop and not to the tool."""
+"""An emulated arm gets an ordinary drive's values where none are stated; its own loop knows them, the tool does not."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ STATED = load_arm("ur10e")
 
 
 def bare() -> Arm:
-    """An arm of which nobody stated a drive or a sensor, but the dry friction of its first joint."""
+    """An arm without stated drives and sensors, except the dry friction of its first joint."""
     own = tuple(e for e in STATED.effects if e.effect not in {effect for effect, _ in EFFECT.values()})
     prior = STATED.prior.model_copy(update={"unknown": ["coulomb", "viscous", "rotor"]})
     arm = replace(STATED, effects=own, prior=prior, incomplete=("sensors",))

@@ -1,4 +1,4 @@
-"""The viewer follows the motion's own time, ends with it or with its window, and is refused where there is no display."""
+"""The viewer plays each motion in its own time, ends with the motion or its window, and is refused without a display."""
 
 import sys
 from types import TracebackType
@@ -18,7 +18,7 @@ MOTION = Trajectory(T, np.outer(T, np.ones(6)), np.ones((201, 6)), np.zeros((201
 
 
 class Window:
-    """A viewer that notes the angles it was shown, closed after `frames` of them."""
+    """A viewer that records the angles shown and closes after `frames` of them."""
 
     def __init__(self, frames: int = 10**6) -> None:
         self.frames, self.seen = frames, []

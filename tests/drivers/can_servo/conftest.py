@@ -25,7 +25,7 @@ WIDE = {"q": 12.57, "dq": 20.0, "tau": 60.0}
 
 @dataclass
 class Bench:
-    """What a test holds: the driver, the emulated bus behind it, and the clock of both."""
+    """A test bench: the driver, the emulated bus behind it, and their common clock."""
 
     driver: CanServo
     bus: EmulatedBus
@@ -38,7 +38,7 @@ class Bench:
         return np.array(self.cell.table.rest)
 
     def stream(self, cycles: int, amplitude: float = 0.1, frequency: float = 0.5) -> list:
-        """Swing every joint about the rest pose, going on where the last call ended; the states."""
+        """Swing every joint from the rest pose and back, continuing where the last call ended; return the states."""
         n, rate = self.driver.arm.n, self.driver.rate
         states = []
         for _ in range(cycles):

@@ -1,4 +1,4 @@
-"""Before anything moves: who is on the bus, what can their frames carry, do they switch off by themselves, does it all fit?"""
+"""Before anything moves: which drives are on the bus, their ranges and watchdogs, and whether the traffic fits."""
 
 from __future__ import annotations
 
@@ -197,7 +197,7 @@ def test_speed_is_differentiated_where_the_field_is_coarser():
     assert window_for(2 * 12.5 / 65535, 2 * 30.0 / 4095, 200.0) == 17
     assert window_for(2 * 12.5 / 65535, 2 * 10.0 / 4095, 200.0) == 0
     assert window_for(1e-5, 0.0, 200.0) == 0
-    # quantised quadratic motion: the slope at its end, within the noise that was promised
+    # quantised quadratic motion: the noise of the slope is at most that of the quantised speed field
     step, rate = 2 * 12.5 / 65535, 200.0
     slope = Differentiator(17, step)
     t = np.arange(400) / rate
@@ -208,7 +208,7 @@ def test_speed_is_differentiated_where_the_field_is_coarser():
 
 
 def test_a_joint_that_friction_has_caught_does_not_count_as_moving_for_the_rest_of_the_window():
-    """The guard takes ten equal positions at speed for a frozen encoder."""
+    """Otherwise the guard would take ten equal positions at speed for a frozen encoder."""
     step, rate = 2 * 12.5 / 65535, 200.0
     slope = Differentiator(17, step)
     t = np.arange(80) / rate
@@ -217,7 +217,7 @@ def test_a_joint_that_friction_has_caught_does_not_count_as_moving_for_the_rest_
     assert speed[20:41] == pytest.approx(0.6, abs=0.05)
     for k in range(1, 40):
         assert abs(speed[40 + k]) <= step * rate / k * (1 + 1e-9)
-    # and a slow joint, whose position stays for some samples, keeps its speed on average
+    # a slow joint, whose position stays the same for some samples, keeps its speed on average
     slow = Differentiator(17, step)
     q = np.round(0.02 * t / step) * step
     speed = np.array([slow(a, b) for a, b in zip(t.tolist(), q.tolist(), strict=True)])[20:]

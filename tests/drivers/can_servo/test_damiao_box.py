@@ -1,4 +1,4 @@
-"""Bytes of Damiao's serial adapter: as the maker's own code writes them, and read through noise and cut frames."""
+"""Bytes of Damiao's serial adapter: written as by the maker's own code, and read despite noise and split frames."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The driver on emulated drives of every protocol: it finds them, moves them, and lets go of them only at rest."""
+"""The driver on emulated drives of every protocol: it finds, moves and releases them."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def test_time_is_the_schedule(bench):
 
 
 def test_nothing_is_compiled_while_the_drives_wait_for_a_command(bench):
-    """A kernel compiled for read-only arrays took 1.5 s, in which the drives let go."""
+    """Compiling a kernel for read-only arrays once took 1.5 s, long enough for the drives to switch off."""
     b = bench()
     b.driver.connect()
     compiled = list(recursion_kernels.torque.signatures)

@@ -1,4 +1,4 @@
-"""Everything that can go wrong on the bus is noticed in time, stops the motion, and stays latched."""
+"""Every bus fault is noticed in time, stops the motion and stays latched."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from sim.errors import DeviceError
 from sim.joint_state import Status
 
 JOINT = "elbow_joint"
-# fault, what the sentence says, the longest time from fault to DeviceError in periods, whether the other joints can be held
+# fault, what the message contains, longest time from fault to DeviceError in periods, whether the other joints can be held
 FAULTS = [
     (f"silent:{JOINT}", "elbow_joint.*silent for", PERIODS_MAX + 1, True),
     (f"over-temperature:{JOINT}", "elbow_joint.*over-temperature", 2, True),
@@ -30,7 +30,7 @@ FAULTS = [
 
 
 def run_until_fault(b, fault, cycles=60):
-    """Stream, make the fault happen in mid-motion, stream on; the error and the time it took, s."""
+    """Stream, inject the fault in mid-motion, and stream on; return the error and the time that it took, s."""
     b.stream(40)
     b.bus.inject(fault)
     start = b.clock.now()
@@ -46,7 +46,7 @@ def test_a_fault_stops_the_stream_and_stays(bench, fault, message, periods, othe
     error, elapsed = run_until_fault(b, fault)
     assert message.split(".*")[-1].split("|")[0] in str(error) or message.split("|")[-1] in str(error)
     assert elapsed <= (periods + 1e-6) / b.driver.rate
-    # the mended bus carries nothing of the interrupted motion, whatever the driver is called for
+    # the restored bus carries nothing of the interrupted motion, whatever is called
     b.bus.inject("restore")
     arrived = b.bus.arrived
     for _ in range(5):
@@ -73,7 +73,7 @@ def test_the_drives_switch_off_when_the_bus_is_gone_and_no_old_command_follows(b
     b.driver.close()
     assert b.bus.arrived == arrived
     assert all(servo.error == 0xD for servo in b.bus.servos)
-    # the next session refuses drives that still report what happened
+    # the next session refuses drives that still report the fault
     with pytest.raises(DeviceError, match=r"communication lost.*calib servo"):
         b.driver.connect()
     assert not b.bus.body.live.any()
@@ -241,4 +241,4 @@ def test_a_drive_that_stays_on_is_reported(bench):
         DeviceError, match=r"wrist_3_joint \(node 6\): torque was switched off, but the drive does not report it"
     ):
         b.driver.release()
-    assert not b.bus.body.live.any()  # its watchdog has run out meanwhile
+    assert not b.bus.body.live.any()  # its watchdog has expired meanwhile

@@ -1,4 +1,4 @@
-"""CAN FD: the same drives with a data bit rate, over memory and over the bytes of an adapter; and several makers on one bus."""
+"""CAN FD: the same drives with a data bit rate, in memory and over the bytes of an adapter; several makers on one bus."""
 
 from __future__ import annotations
 
@@ -70,7 +70,10 @@ def test_fd_needs_an_interface_and_a_drive_that_know_it(servo6, tmp_path):
 
 
 def test_candle_light_adapters(servo6, monkeypatch, tmp_path):
-    """python-can's gs_usb takes the adapter's number as a number; Linux has a driver of its own for them, which the refusal names."""
+    """python-can's gs_usb takes the adapter's number as an integer.
+
+    Linux has its own driver for these adapters, which the refusal names.
+    """
     options = can_options(wire_cell("virtual", tmp_path), servo6).model_copy(update={"interface": "gs_usb", "channel": "1"})
     opened = {}
 

@@ -1,4 +1,4 @@
-"""Drives whose firmware lacks what newer ones have, or says what cannot be: used where that is safe, refused by name where not."""
+"""Drives with older firmware or implausible reports: used where that is safe, otherwise refused by name."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What others send on the bus neither crashes a protocol nor keeps a braking frame from the drives."""
+"""Foreign frames on the bus neither crash a protocol nor keep a braking frame from the drives."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The integer codecs say the same as the DBC files, which any CAN tool can open."""
+"""The integer codecs agree with the DBC files, which any CAN tool can open."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def mit_fields(q_max, dq_max, tau_max):
 
 
 def drawn(fields, count, seed):
-    """Random values over each whole range, with both ends among them."""
+    """Random values over each whole range, including both ends."""
     low, high = np.array([[f.low, f.high] for f in fields]).T
     x = np.random.default_rng(seed).uniform(low, high, (count, len(fields)))
     x[0], x[1] = low, high
@@ -111,7 +111,7 @@ def test_register_and_parameter_frames_equal_the_dbc(count):
 
 
 def test_golden_vectors_of_the_vendors():
-    """Bytes printed in manuals and drivers, not made by this code."""
+    """Bytes printed in manuals and drivers, independent of this code."""
     # RobStride RS03 manual, "Read example": loc_kp (0x701E) is requested, the drive answers 30.0
     assert frames.parameter(0x701E) == bytes.fromhex("1E70000000000000")
     index, raw = frames.unpack_parameter(bytes.fromhex("1E7000000000F041"))

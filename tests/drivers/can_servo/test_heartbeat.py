@@ -1,4 +1,4 @@
-"""What a drive no longer reports beside its readings is missing: with its heartbeat whether it is on, with its temperature how hot it is."""
+"""If a drive stops reporting its heartbeat or its temperature, that is a fault, although its readings continue."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from sim.errors import DeviceError
 
 
 def without(b, joint, command):
-    """The emulated ODrive sends this message no more; everything else goes on."""
+    """Make the emulated ODrive stop sending this message; everything else continues."""
     servo, sent = b.bus.servos[joint], b.bus.servos[joint].spontaneous
     servo.spontaneous = lambda now: [m for m in sent(now) if m.arbitration_id & 0x1F != command]
 
@@ -23,7 +23,7 @@ def test_an_old_heartbeat_is_none(bench):
     with pytest.raises(DeviceError, match=r"wrist_1_joint.*no heartbeat for more than 0\.3 s"):
         b.stream(100)
     assert 0.2 < b.clock.now() - begin < 0.31
-    b.bus.servos[3].on = False  # nor does it count as off
+    b.bus.servos[3].on = False  # without a heartbeat it does not count as off either
     with pytest.raises(
         DeviceError, match=r"wrist_1_joint \(node 4\): torque was switched off, but the drive does not report it"
     ):

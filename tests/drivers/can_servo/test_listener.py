@@ -1,4 +1,4 @@
-"""One who only listens reads what the commanding program reads, loses nothing silently, and never puts a frame on the bus."""
+"""A listener reads what the commanding program reads, loses nothing silently, and sends no frame while it listens."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from tests.drivers.can_servo.test_wire import WATCHDOG, started, swing, wire_cel
 
 
 class Heard(can.BusABC):
-    """What was on a bus, to be listened to once more; sending on it fails the test."""
+    """A bus that replays recorded frames; sending on it fails the test."""
 
     def __init__(self, frames: list[can.Message], clock: SimulatedClock) -> None:
         super().__init__(channel="heard")
@@ -44,7 +44,7 @@ class Heard(can.BusABC):
 
 
 def frames_of(bench: Bench, cycles: int) -> tuple[list[can.Message], list[JointState]]:
-    """All frames that the driver heard while it streamed, with the instants at which it did, and the states that it read."""
+    """All frames that the driver received while streaming, with their time stamps, and the states that it read."""
     frames: list[can.Message] = []
 
     class Tapped(SteppedBus):
@@ -67,7 +67,7 @@ def frames_of(bench: Bench, cycles: int) -> tuple[list[can.Message], list[JointS
 
 @pytest.fixture
 def listener() -> Iterator[Callable[[Bench, list[can.Message]], Listener]]:
-    """Makes listeners of a bench's drives that hear given frames."""
+    """Makes listeners for a bench's drives that receive the given frames."""
     made: list[Listener] = []
 
     def make(bench: Bench, frames: list[can.Message]) -> Listener:
@@ -93,7 +93,7 @@ def test_a_listener_reads_what_the_commanding_program_reads(bench, listener, pro
     made = bench(protocol)
     frames, states = frames_of(made, 60)
     ear = listener(made, frames)
-    started = [ear.read() for _ in range(10)][-1]  # while drives are switched on one by one, rounds are broken
+    started = [ear.read() for _ in range(10)][-1]  # rounds are incomplete while the drives are switched on one by one
     lost = ear.lost
     received = [ear.read() for _ in range(30)]
     first = next(k for k, s in enumerate(states) if np.array_equal(s.tau, started.tau)) + 1
@@ -199,7 +199,7 @@ def test_who_listened_brakes_and_holds_the_arm_in_place_of_a_program_that_is_gon
         listening.listen()
         while at_work.is_alive():
             last = listening.read()
-        # the program is gone, and so is what held the arm for it; its drives would let go after WATCHDOG
+        # the program is gone, and so is its holder; without commands the drives would switch off after WATCHDOG
         commanding._holder.release()
         assert commanding.link is not None
         commanding.link.close()

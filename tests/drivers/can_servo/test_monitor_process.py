@@ -1,4 +1,7 @@
-"""A servo arm without brakes whose control process hangs in mid-motion: the monitor process brakes and holds it until somebody supports it."""
+"""A servo arm without brakes whose control process hangs in mid-motion.
+
+The monitor process brakes the arm and holds it until somebody supports it.
+"""
 
 from __future__ import annotations
 
@@ -67,7 +70,7 @@ def test_an_arm_whose_control_process_hangs_is_held_and_let_go_by_ctrl_c(tmp_pat
             drive(plan, cell, servo6, open_driver, tmp_path / "run", audit=tmp_path / "audit.jsonl", watch=hang, held=supported)
         assert hung
         assert "support it, then press Ctrl-C" in held[0]
-        time.sleep(2 * WATCHDOG)  # let go of, the drives switch themselves off
+        time.sleep(2 * WATCHDOG)  # once released, the drives switch themselves off
         assert not emulator.bus.body.live.any()
         assert "the guard was silent" in next(
             e["facts"]["reason"] for e in audit.verify(tmp_path / "audit.jsonl") if e["event"] == "monitor took over"

@@ -1,4 +1,4 @@
-"""One program at a time on a bus, and one link of it: whoever comes second sends nothing."""
+"""One program at a time on a bus, with one link to it: a second one sends nothing."""
 
 import os
 

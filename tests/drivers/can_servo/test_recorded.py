@@ -1,4 +1,4 @@
-"""A plan recorded over the bus: every sample, or a bounded stop, a closed log and a sentence. All on one simulated clock."""
+"""A plan recorded over the bus, on a simulated clock: every sample, or a bounded stop, a closed log and a message."""
 
 from __future__ import annotations
 

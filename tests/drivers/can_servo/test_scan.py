@@ -1,4 +1,7 @@
-"""A scan finds every drive that can be found, says what it could not ask, switches nothing, and hands show which joint is whose."""
+"""A scan finds every drive that answers, reports what it could not query, and switches nothing.
+
+Turning the joints by hand then shows which drive belongs to which joint.
+"""
 
 from __future__ import annotations
 
@@ -27,7 +30,7 @@ def options(data_bitrate=None):
 
 @pytest.fixture
 def scanned(bench):
-    """A bus with two Damiao, two RobStride and two ODrive drives, and a scan of it."""
+    """scanned(bench) -> the result of a scan of its bus, and the link that was used."""
 
     def run(b, data_bitrate=None, supported=False):
         b.bus.data_bitrate = data_bitrate
@@ -116,7 +119,7 @@ def test_an_odrive_of_old_firmware_is_known_by_its_heartbeat(bench, scanned):
 
 
 class Hand:
-    """Turns joints of an arm without torque as time passes: what its drives read moves."""
+    """Turns joints of an arm without torque as time passes, by changing what its drives read."""
 
     def __init__(self, b):
         self.b, self.moves = b, []

@@ -1,4 +1,4 @@
-"""One drive at a time, as `calib servo` serves it: looked at, cleared, switched off, zeroed."""
+"""One drive at a time, as in `calib servo`: inspect, clear, switch off, set zero."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The same driver over true bytes: a serial adapter on a pseudo-terminal, socketcand over TCP, python-can's virtual bus.
+"""The same driver over real bytes: serial adapters on a pseudo-terminal, socketcand over TCP, python-can's virtual bus.
 
 The wall clock runs here; at 25 Hz a loaded computer has 120 ms before three periods are over.
 """
@@ -38,7 +38,7 @@ def wire_cell(interface, tmp_path):
 
 
 def started(cell, arm):
-    """The running emulator, and the cell as it is reached: a port of zero has become a free one."""
+    """The running emulator, and the cell with the port that it got if port 0 was requested."""
     emulator = open_emulator(cell, arm)
     emulator.start()
     if cell.table.options["interface"] == "socketcand":
@@ -98,7 +98,7 @@ def test_a_fault_on_the_wire_ends_the_motion_and_nothing_old_follows(interface, 
         emulator.inject("restore")
         time.sleep(0.2)
         if "silent:" not in fault:
-            # What a TCP server has taken from the host is out of the host's reach; the drives' watchdogs have made it harmless.
+            # The host cannot recall what a TCP server has already taken; the drives' watchdogs have made it harmless.
             assert emulator.bus.arrived == arrived or interface == "socketcand"
             assert not emulator.bus.body.live.any()
         with pytest.raises(DeviceError, match=r"latched"):

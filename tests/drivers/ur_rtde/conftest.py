@@ -1,4 +1,4 @@
-"""Emulated UR controllers for the driver: real sockets, real ur_rtde, MuJoCo behind; each test has an address of its own."""
+"""Emulated UR controllers for the driver: real sockets, real ur_rtde, MuJoCo behind them; each test has its own address."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ from sim.joint_state import JointState
 
 Pair = Callable[..., tuple[UrEmulator, UrDriver]]
 ZERO = np.zeros(6)
-LONG = 20.0  # s that anything here may take
+LONG = 20.0  # s, limit for every wait here
 _addresses = itertools.count(1)
 
-# The emulated controller shares a computer with the tests; the rules of time are tested with time of their own.
+# The emulated controller shares a computer with the tests, so these limits are generous; tests of timing rules set their own.
 OPTIONS = {"serial": "20230000000", "watchdog": 4.0}
 
 
@@ -36,7 +36,7 @@ def arm() -> Arm:
 
 @pytest.fixture
 def cell(tmp_path: Path) -> Callable[..., Cell]:
-    """cell(polyscope, frame_timeout, setpoint_timeout) -> a cell at an address of its own."""
+    """cell(polyscope, frame_timeout, setpoint_timeout) -> a cell at its own address."""
 
     def make(polyscope: str = "5.25.1", frame_timeout: float = 0.5, setpoint_timeout: float = 0.5) -> Cell:
         k = next(_addresses)
@@ -44,7 +44,7 @@ def cell(tmp_path: Path) -> Callable[..., Cell]:
         path = ur_cell(
             tmp_path / f"cell{k}.toml",
             host,
-            # a CB3 under the e-Series arm of these tests: only its protocol matters here
+            # a CB3 controller with an e-Series arm: only its protocol matters here
             ["arm-as-stated"] if polyscope.startswith("3.") else None,
             options=OPTIONS | {"frame_timeout": frame_timeout, "setpoint_timeout": setpoint_timeout},
             **{"emulation.options": {"polyscope": polyscope}},
@@ -56,7 +56,7 @@ def cell(tmp_path: Path) -> Callable[..., Cell]:
 
 @pytest.fixture
 def pair(cell: Callable[..., Cell], arm: Arm) -> Iterator[Callable[..., tuple[UrEmulator, UrDriver]]]:
-    """pair(...) -> an emulated controller that runs, and the driver of its cell, not yet connected."""
+    """pair(...) -> a running emulated controller, and the driver of its cell, not yet connected."""
     opened: list[tuple[UrEmulator, UrDriver]] = []
 
     def make(**options: object) -> tuple[UrEmulator, UrDriver]:

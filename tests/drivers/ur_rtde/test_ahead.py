@@ -1,4 +1,4 @@
-"""Setpoints sent ahead: what comes late changes nothing of the motion, and every way of ending it stops the arm."""
+"""Setpoints sent ahead: however a motion ends, the arm stops, and the programs of others are left alone."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ AHEAD = {"ahead": 0.05, "lookahead": 0.03, "gain": 1200.0}
 
 @pytest.fixture(autouse=True)
 def patient_controller(monkeypatch: pytest.MonkeyPatch) -> None:
-    """In motion the emulated controller waits a second for the next setpoint: it shares this computer with the tests."""
+    """Make the emulated controller wait 1 s for the next setpoint in motion, because it shares this computer with the tests."""
     read = Functions._read_integers
     monkeypatch.setattr(
         Functions, "_read_integers", lambda self, number, name, timeout: read(self, number, name, max(timeout, 1.0))
@@ -45,7 +45,7 @@ def patient_controller(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture
 def ahead(cell: Callable[..., Cell], arm: Arm) -> Iterator[Callable[..., tuple[UrEmulator, UrDriver]]]:
-    """ahead(...) -> an emulated controller and the connected driver of its cell, which sends ahead."""
+    """ahead(...) -> an emulated controller and the connected driver of its cell, which sends setpoints ahead."""
     opened: list[tuple[UrEmulator, UrDriver]] = []
 
     def make(**options: object) -> tuple[UrEmulator, UrDriver]:
@@ -87,7 +87,7 @@ def commander(driver: UrDriver) -> int:
     return driver._commands._process.pid
 
 
-@pytest.mark.slow  # a controller in the same process is late on a busy computer, and what it waited for makes the arm follow later
+@pytest.mark.slow  # on a busy computer a controller in this process is late, and the arm then follows later
 def test_the_guard_drives_one_motion_after_another(
     ahead: Callable[..., tuple[UrEmulator, UrDriver]], arm: Arm, cell: Callable[..., Cell]
 ) -> None:
@@ -151,7 +151,7 @@ def test_a_protective_stop_is_named_and_little_is_left_to_play_after_it(
     seen = remembered(emulator.robot)
     driver.stop()
     emulator.do(lambda: setattr(emulator.robot, "safety_mode", 1))
-    emulator.do(lambda: setattr(emulator.robot, "runtime_state", 2))  # unlocked, and played again by somebody
+    emulator.do(lambda: setattr(emulator.robot, "runtime_state", 2))  # unlocked, and restarted by somebody
     wait_for(lambda: not emulator.robot.program_running, "the program over")
     assert len(seen) <= round((AHEAD["ahead"] + 0.05) * driver.rate) + 20
 

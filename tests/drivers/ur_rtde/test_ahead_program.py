@@ -1,4 +1,4 @@
-"""Our control program on a controller that is stepped by the test: it plays what was sent, on time, and brakes where nothing comes."""
+"""Our control program on a controller stepped by the test: it plays setpoints on time, and brakes if none arrive."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from tests.drivers.ur_rtde.test_ahead import AHEAD, remembered
 
 @pytest.fixture
 def by_step(cell: Callable[..., Cell], arm: Arm, monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[Robot, Ahead]]:
-    """A controller that is stepped by the test, with our program connected to its other end: no time passes by itself."""
+    """A controller that is stepped by the test, connected to our program: no time passes by itself."""
     monkeypatch.undo()
     emulator = open_emulator(cell(), arm)
     assert isinstance(emulator, UrEmulator)
@@ -43,7 +43,7 @@ def by_step(cell: Callable[..., Cell], arm: Arm, monkeypatch: pytest.MonkeyPatch
 
 
 def test_commands_that_come_late_are_played_on_time(by_step: tuple[Robot, Ahead]) -> None:
-    """Nothing comes for 40 ms, then all of it together: one setpoint a period is played all the same, in order, each once."""
+    """Nothing arrives for 40 ms, then everything at once: still one setpoint per period is played, in order, each once."""
     robot, made = by_step
     seen = remembered(robot)
     sent = 0

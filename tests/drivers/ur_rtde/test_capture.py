@@ -1,4 +1,4 @@
-"""What is captured of a session changes nothing, names nobody, and is a controller again when it is played back."""
+"""Capturing a session does not disturb it; the capture is anonymous and plays back as a controller."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The command process ends, hangs or is alone: the arm is stopped."""
+"""If the command process or its owner dies or hangs, or commands stop, the arm is stopped."""
 
 from __future__ import annotations
 

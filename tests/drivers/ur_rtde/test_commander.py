@@ -1,4 +1,4 @@
-"""The command process's loop with a control interface that only remembers."""
+"""The loop of the command process, with a control interface that only records calls."""
 
 from __future__ import annotations
 

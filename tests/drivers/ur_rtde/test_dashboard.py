@@ -1,4 +1,4 @@
-"""The dashboard server's answers: whatever answers there, each is waited for only so long."""
+"""Replies of the dashboard server: whatever answers there, each wait is bounded."""
 
 from __future__ import annotations
 

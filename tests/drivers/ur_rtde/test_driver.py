@@ -1,6 +1,6 @@
 """The driver, with the real ur_rtde in its command process, against the emulated controller.
 
-Nothing here asserts how fast something was, only that it ended, how, and that the arm rests. Limits of time are those of a busy
+The tests assert that something ended, how it ended, and that the arm is at rest, but not how fast. Time limits allow for a busy
 computer.
 """
 
@@ -49,7 +49,7 @@ def test_it_connects_streams_stops_and_leaves(pair: Pair, polyscope: str, rate: 
 
 def test_every_reading_once_in_order(pair: Pair) -> None:
     _, driver = pair()
-    driver.inspect()  # who only listens gets each one, however late it reads; at rest before a motion old ones are passed over
+    driver.inspect()  # a listener gets every reading, however late it reads; at rest before a motion, old readings are skipped
     t = np.array([driver.read().t_device for _ in range(1000)])
     assert np.rint(np.diff(t) * 500.0).tolist() == [1.0] * 999
 
@@ -116,7 +116,7 @@ def test_what_happens_at_the_robot_is_named_and_never_undone(pair: Pair, fault: 
         state = stream(driver, 10.0, until=lambda s: s.status is not Status.RUNNING)
         assert (state.status, word in state.detail) == (status, True)
     except DeviceError as error:
-        # the command process may notice first that nothing is taken any more; the reason is the robot's all the same
+        # the command process may notice first that commands are no longer accepted; the reason is still the robot's
         assert status.value in str(error)  # noqa: PT017
         assert word in str(error)  # noqa: PT017
     driver.stop()

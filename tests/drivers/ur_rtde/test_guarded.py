@@ -1,4 +1,4 @@
-"""A cleared motion, driven by the guard over the wire: it arrives, or ends in a bounded stop with a sentence."""
+"""A cleared motion, driven by the guard over the wire: it arrives, or ends in a bounded stop with a message."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from sim.emulated.ur.line import GAP
 from sim.errors import ConfigError
 
 Pair = Callable[..., tuple[UrEmulator, UrDriver]]
-BUSY = 0.25  # s that the computer of these tests may be late
+BUSY = 0.25  # s, latency that the computer of these tests may have
 
 
 def prepared(
@@ -44,7 +44,7 @@ def test_the_guard_drives_a_cleared_motion_to_its_end(pair: Pair, arm: Arm, cell
     _, driver = pair()
     with driver:
         guard, motion, target = prepared(driver, arm, cell(), lambda cycle: None)
-        time.sleep(0.3)  # an operator thinks
+        time.sleep(0.3)  # a pause of the operator
         guard.run(motion, "the move")
         guard.hold(0.5, "the end")
         assert driver.read().q == pytest.approx(target, abs=0.01)

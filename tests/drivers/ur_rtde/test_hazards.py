@@ -1,10 +1,15 @@
-"""What ur_rtde 1.6.5 is known to do wrong, each where it would hurt: none of it may reach the caller.
+"""Known defects of ur_rtde 1.6.5, each where it would do harm: none of them may reach the caller.
 
-Measured with the real library before: the receive interface answers with old values after its socket is gone; a dropped control socket
-makes it upload its program again and again; on PolyScope X a drop is a segmentation fault, and an interface that is destroyed after its
-controller went aborts the process; a second control interface takes the registers or the program of the first; from 5.26 the upper
-registers time out; after a stop was unlocked, a program that was uploaded again is reported to run before it does; a move hangs where the controller is gone. What follows a protective stop, a kill and a pulled cable is in
-test_driver.py.
+Measured with the real library:
+- the receive interface returns old values after its socket is gone;
+- a dropped control socket makes it upload its program again and again;
+- on PolyScope X a drop is a segmentation fault, and destroying an interface after its controller is gone aborts the process;
+- a second control interface takes the registers or the program of the first;
+- from 5.26 the upper registers time out;
+- after a stop is unlocked, a program that is uploaded again is reported as running before it runs;
+- a move hangs if the controller is gone.
+
+What follows a protective stop and a pulled cable is in test_driver.py, what follows a kill in test_command_process.py.
 """
 
 from __future__ import annotations
@@ -102,7 +107,7 @@ def test_an_older_version_is_refused_with_what_to_do(pair: Pair, polyscope: str)
         driver.connect()
 
 
-@pytest.mark.flaky(reruns=4, reruns_delay=2)  # two robots at real time want both cores of a small computer
+@pytest.mark.flaky(reruns=4, reruns_delay=2)  # two emulated robots in real time need both cores of a small computer
 def test_two_robots_on_one_computer_do_not_hear_each_other(pair: Pair, arm: Arm, cell: Callable[..., Cell]) -> None:
     (one, first), (other, second) = pair(), pair()
     assert isinstance(other, UrEmulator)
@@ -113,7 +118,7 @@ def test_two_robots_on_one_computer_do_not_hear_each_other(pair: Pair, arm: Arm,
         one.inject("protective_stop")
         with pytest.raises(DeviceError, match="protective stop"):
             stream(first, 30.0, until=lambda s: False)
-        # at rest: two emulated controllers share one interpreter and may both be behind the clock, which a motion would not allow
+        # at rest: two emulated controllers share one interpreter and may both be late, which a motion would not tolerate
         state = second.read()
         assert state.status is Status.RUNNING
         assert second.send(state.q, ZERO, ZERO) == pytest.approx(state.q)

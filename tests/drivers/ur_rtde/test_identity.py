@@ -24,7 +24,7 @@ from sim.rigid_body import RigidBody
 from tests.drivers.ur_rtde.conftest import Pair
 
 HOME = np.array([0.0, -1.4, 1.3, -1.4, -1.2, 0.3])
-REACHED = np.array([0.0, -0.3, 0.2, -0.4, -1.2, 0.3])  # far out: gravity tells arms apart
+REACHED = np.array([0.0, -0.3, 0.2, -0.4, -1.2, 0.3])  # far out: gravity distinguishes the arms
 WRONG = [name for name in family.FAMILY if name not in ("ur10e", "ur12e")]  # the UR12e is a UR10e
 
 
@@ -36,7 +36,7 @@ def test_the_family_is_every_shipped_ur() -> None:
 def test_twelve_of_twelve_wrong_arms_are_refused_by_their_model(cell: Callable[..., Cell], arm: Arm, name: str) -> None:
     polyscope = "3.15.4" if family.FAMILY[name][1] else "5.25.1"
     path = cell(polyscope=polyscope).path
-    # no cell of this test assumes that the arm is the one it states
+    # without the waiver that the cell fixture adds for a CB3
     path.write_text(path.read_text().replace('assume = ["arm-as-stated"]\n', "") + f'arm = "{name}"\n')
     table = load_cell(path)
     emulator, driver = open_emulator(table, arm), open_driver(table, arm)
@@ -60,7 +60,7 @@ def test_the_torque_alone_shows_a_wrong_arm_that_reaches_out(arm: Arm, name: str
         assert check.ok is False
 
 
-# within friction and 5 % of gravity of a UR10e at this posture: model and kinematics tell these apart
+# within friction and 5 % of gravity of a UR10e at this posture; model and kinematics distinguish these
 INDISTINCT = {"ur10", "ur15", "ur16e", "ur18"}
 
 

@@ -1,4 +1,4 @@
-"""Listening to a UR beside the program that moves it: every reading, and nothing sent."""
+"""Listening to a UR while another program moves it: readings arrive, and nothing but a halt is sent."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def test_it_says_what_the_controller_believes_to_carry(pair: Pair) -> None:
 
 
 def _exhaust(read: Callable[[], object]) -> None:
-    """Read what waits, and whatever follows."""
+    """Read for 5 s, or until it fails."""
     end = time.monotonic() + 5.0
     while time.monotonic() < end:
         read()

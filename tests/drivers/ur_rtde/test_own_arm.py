@@ -1,4 +1,4 @@
-"""The arm as its own controller has it: read from the primary interface, compared, and written as a folder."""
+"""The arm as described by its own controller: read from the primary interface, compared, and written as an arm folder."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def own(rows: DhRows) -> OwnArm:
 
 
 def flange(rows: DhRows, q: np.ndarray) -> np.ndarray:
-    """By Denavit and Hartenberg's own product."""
+    """The flange pose, as the plain product of Denavit-Hartenberg transforms."""
     world = np.eye(4)
     for theta, a, d, alpha, angle in zip(rows.theta, rows.a, rows.d, rows.alpha, q, strict=True):
         c, s, ca, sa = np.cos(theta + angle), np.sin(theta + angle), np.cos(alpha), np.sin(alpha)
@@ -51,13 +51,13 @@ def test_a_calibrated_arm_s_model_moves_as_its_controller_s_rows(arm: Arm, tmp_p
     assert 1e-5 < np.max(own_folder.moved(arm, own(rows))) < own_folder.CALIBRATION_MAX
     model = mujoco.MjModel.from_xml_string(written.model_text)
     data = mujoco.MjData(model)
-    # the last joint's axis and the point of it that the flange lies on, in every posture
+    # in every posture the last joint has the same axis, as a direction and as a line
     for q in np.random.default_rng(0).uniform(-np.pi, np.pi, (20, 6)):
         data.qpos[:] = q
         mujoco.mj_kinematics(model, data)
         frame, body = flange(rows, q), data.body("wrist_3_link")
         axis = body.xmat.reshape(3, 3)[:, 2]
-        # rows end in Tx(a6) Rx(alpha6) behind the last axis
+        # rows end in Tx(a6) Rx(alpha6), after the last axis
         before = frame @ np.linalg.inv(_x(rows.alpha[5], rows.a[5]))
         assert axis == pytest.approx(before[:3, 2], abs=1e-9)
         apart = before[:3, 3] - body.xpos
@@ -133,7 +133,7 @@ def test_whatever_answers_the_answer_is_bounded(monkeypatch: pytest.MonkeyPatch,
         def serve() -> None:
             with server.accept()[0] as client:
                 client.sendall(sends)
-                client.recv(1)  # until the other end leaves
+                client.recv(1)  # until the other end closes
 
         thread = threading.Thread(target=serve)
         thread.start()

@@ -1,4 +1,4 @@
-"""A program that plays on the controller belongs to somebody: it is never ended, neither by looking nor by taking control."""
+"""A program that runs on the controller belongs to somebody: neither inspecting the robot nor taking control ends it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A real controller, where one is named: readings, preflight, control program. Commands no motion."""
+"""A real controller, if CALIB_UR_HOST names one: readings, preflight, control program. Commands no motion."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A plan recorded over the wire, through every process that `calib record` has: what happens at the robot ends it in order."""
+"""A plan recorded over the wire from an emulated controller in another process: a fault at the robot ends it in order."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ pytestmark = pytest.mark.slow
 
 
 def emulate(path: str, orders: Connection) -> None:
-    """The emulated controller in a process of its own, as `calib emulate` runs it; an order is a fault, or "rests?", or "end"."""
+    """Run the emulated controller in its own process, like `calib emulate`; an order is a fault, or "rests?", or "end"."""
     cell = load_cell(path)
     emulator = open_emulator(cell, load_arm(cell.table.arm))
     assert isinstance(emulator, UrEmulator)
@@ -70,7 +70,7 @@ def orders(there: tuple[Cell, Plan]) -> Iterator[Connection]:
 
 @pytest.fixture(params=[("ur10e", "5.25.1")], ids="-".join)
 def there(cell: Callable[..., Cell], tmp_path: Path, request: pytest.FixtureRequest) -> tuple[Cell, Plan]:
-    """A cell of an arm and a version, and an approved plan of one motion of a few seconds."""
+    """A cell with an arm and a PolyScope version, and an approved plan of one motion of a few seconds."""
     name, polyscope = request.param
     path = cell(polyscope=polyscope, frame_timeout=0.3).path
     path.write_text(path.read_text().replace('arm = "ur10e"', f'arm = "{name}"') + "[motion]\nlatency = 0.3\n")

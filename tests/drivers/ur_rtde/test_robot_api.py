@@ -1,4 +1,4 @@
-"""What PolyScope X tells over its Robot API, by version, and that nothing hangs or breaks on what answers there."""
+"""What PolyScope X reports over its Robot API, by version; whatever answers there, nothing hangs or crashes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""An arm, a motion and an instance of any effect, derived from the catalogue alone: a new effect is tested without a line here."""
+"""An arm, a motion and an instance of any effect, derived from the catalogue: a new effect needs no change here."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ def arm() -> Arm:
 
 @pytest.fixture(scope="session")
 def motion(arm: Arm) -> Trajectory:
-    """Eight seconds of three harmonics a joint, from rest to rest, that load every joint and turn it round often."""
+    """Eight seconds of three harmonics per joint, from rest to rest, that load every joint and reverse it often."""
     rng = np.random.default_rng(4)
     t = np.arange(0, 8, 1 / RATE)
     wave = 2 * np.pi / 8 * np.arange(1, 4)
-    # the shoulder swings through the vertical: its load changes sign, and is large on both sides
+    # the shoulder swings through the vertical, so its load changes sign and is large on both sides
     a, b = rng.uniform(-1, 1, (2, 3, arm.n)) * np.array([0.25, 0.6, 0.25, 0.25, 0.25, 0.25])
     home = np.array([0.2, -1.6, 0.4, -1.3, -1.2, 0.3])
     fade = np.sin(np.pi * t / 8)[:, None] ** 2
@@ -37,7 +37,7 @@ def motion(arm: Arm) -> Trajectory:
 
 @pytest.fixture(scope="session")
 def present() -> Callable[[Effect], ArmEffect]:
-    """The effect at the middle of the values that its parameters' grids call typical."""
+    """Function that gives an effect the middle value of each parameter's grid, plus 0.1 where that would be no effect."""
 
     def instance(effect: Effect) -> ArmEffect:
         middle = {p: p.grid[len(p.grid) // 2] for p in effect.parameters}

@@ -1,4 +1,4 @@
-"""What every effect of the catalogue promises: its public name, its parameters and bounds, and that without strength it is nothing."""
+"""The contract of every effect of the catalogue: name, parameters, bounds, where it acts, and no change at zero strength."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from sim.errors import ConfigError
 from sim.prediction import predict, torque_path
 from sim.trajectory import Trajectory
 
-# The contract with those who read diagnosis.json: name -> (whose it is, parameter -> unit). Names never change.
+# The contract with readers of diagnosis.json: name -> (scope, parameter -> unit). Names never change.
 PUBLIC = {
     "coulomb_friction": ("joint", {"coulomb": "N*m"}),
     "viscous_friction": ("joint", {"viscous": "N*m*s/rad"}),
@@ -46,14 +46,14 @@ PUBLIC = {
     "transmission_coupling": ("joint", {"ratio": "1", "inertia": "kg*m^2", "viscous": "N*m*s/rad", "coulomb": "N*m"}),
     "external_contact": ("arm", {"start": "s", "duration": "s", "force_x": "N", "force_y": "N", "force_z": "N"}),
 }
-BODIES = ("link_inertia",)  # is always there: a link has a mass
+BODIES = ("link_inertia",)  # never absent: a link has a mass
 
 every_effect = pytest.mark.parametrize("effect", EFFECTS, ids=lambda e: e.name)
 Present = Callable[[Effect], ArmEffect]
 
 
 def absent(arm: Arm, effect: Effect, joint: str | None) -> ArmEffect:
-    """Zero strength."""
+    """The effect at zero strength: for BODIES, the link's own mass and centre of mass."""
     values = effect.none()
     if effect.name in BODIES and joint is not None:
         j = arm.joint_index(joint)
@@ -116,7 +116,7 @@ def test_bounds_are_kept(effect: Effect, arm: Arm, motion: Trajectory, present: 
     if effect.driven:
         with pytest.raises(ConfigError, match="the first has none"):
             checked(arm, first)
-        # as an arm file may have it
+        # also if an arm file lists it
         with pytest.raises(ConfigError, match="the first has none"):
             predict(replace(arm, effects=(first,)), motion)
 
@@ -129,7 +129,7 @@ def test_without_strength_it_changes_nothing(effect: Effect, arm: Arm, motion: T
     weak = predict(with_effect(bare, absent(bare, effect, item.joint)), motion)
     strength = np.abs(strong - without).max()
     assert strength > 1e-3
-    # a gear is never quite rigid; its stiffest is a thousandth of a typical twist
+    # a gear is never rigid: at its stiffest it twists by a thousandth of a typical twist
     gone = 2e-3 * strength if effect.name == "joint_elasticity" else 1e-9 * np.abs(without).max()
     assert np.abs(weak - without).max() <= gone
 
@@ -152,9 +152,9 @@ def test_a_joint_effect_acts_at_its_joint(effect: Effect, arm: Arm, motion: Traj
 
 @every_effect
 def test_its_probes_give_its_torque(effect: Effect, arm: Arm, motion: Trajectory) -> None:
-    """Each point of a probe is what `combine` makes of that point's unit coefficient; half of it is half of the torque.
+    """`combine` maps each unit coefficient to its point of the probe, and half of the first to half of the torque, to 5 %.
 
-    A compliance, a stiffness that `combine` divides, is linear only where it is small: there the half is not required.
+    The half is not required of rigid-body effects, nor of compliances (coefficients of 1/stiffness), linear only if small.
     """
     compliance = effect.none() == {"stiffness": effect.parameters[0].upper}
     joint = arm.joint_names[1] if effect.scope == "joint" else None

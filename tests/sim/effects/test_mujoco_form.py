@@ -1,7 +1,7 @@
-"""Every effect twice: as MuJoCo simulates it, and as `sim.prediction` predicts its torque along the motion that came of it.
+"""Every effect in two forms: MuJoCo simulates it, and `sim.prediction` predicts its torque along the resulting motion.
 
-MuJoCo's dry friction is a soft constraint: below CREEP it is viscous, and `sim.prediction` has it build up over 1e-4 rad instead.
-So torques are compared where the motor of a joint has been moving faster than SLIDING for WINDOW around.
+MuJoCo's dry friction is a soft constraint, viscous below CREEP. In `sim.prediction` it builds up over 1e-4 rad instead.
+So torques are compared where a joint's motor moves faster than SLIDING throughout WINDOW.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ from sim.trajectory import Trajectory
 CREEP = 2e-3  # rad/s
 SLIDING = 0.02  # rad/s
 WINDOW = 21  # samples at 500 Hz
-SETTLED = 61  # samples at 250 Hz, in which a sliding motion goes 20 displacements over which dry friction builds up
-SECONDS = 3.5  # of a motion that would come to rest after five
-MEAN = 9  # samples at 500 Hz: the torque is held between control instants, the acceleration is not
+SETTLED = 61  # samples at 250 Hz, in which a sliding motor covers 20 times the displacement that builds up dry friction
+SECONDS = 3.5  # simulated, of a motion that lasts five
+MEAN = 9  # samples at 500 Hz: torque is held between control instants, acceleration is not
 Present = Callable[[Effect], ArmEffect]
 
 
@@ -36,13 +36,13 @@ def alone(arm: Arm, item: ArmEffect) -> Arm:
 
 
 def native(effect: Effect) -> bool:
-    """True where plain MuJoCo has a form of it, or it is a change of the bodies."""
+    """True if plain MuJoCo can express the effect, or if it changes the bodies."""
     typical = {p.name: p.upper for p in effect.parameters}
     return effect.stage is Stage.RIGID or effect.mjcf("j", typical) is not None
 
 
 def summed(arm: Arm, motion: Trajectory) -> np.ndarray:
-    """(N, n) rad/s of the motor that turns with a joint and the one before it, for both joints; else infinite."""
+    """(N, n) rad/s, speed of a motor that turns with a joint and the one before it, for both joints; infinite elsewhere."""
     out = np.full_like(motion.dq, np.inf)
     for item in arm.effects:
         if effect_named(item.effect).driven:
@@ -59,7 +59,7 @@ def test_mujocos_inverse_dynamics_equals_the_torque(effect: Effect, arm: Arm, mo
     data, tau = mujoco.MjData(model), np.empty_like(path.tau)
     for k, (q, dq, ddq) in enumerate(zip(motion.q, motion.dq, motion.ddq, strict=True)):
         data.qpos[:], data.qvel[:] = q, dq
-        mujoco.mj_forward(model, data)  # passive actuators: mj_inverse leaves their force as it was
+        mujoco.mj_forward(model, data)  # for passive actuators, whose force mj_inverse leaves as it is
         data.qacc[:] = ddq
         mujoco.mj_inverse(model, data)
         tau[k] = data.qfrc_inverse - data.qfrc_actuator
@@ -71,7 +71,7 @@ def test_mujocos_inverse_dynamics_equals_the_torque(effect: Effect, arm: Arm, mo
 
 @dataclass(frozen=True)
 class Happened:
-    """A run of the plant: the motion on its encoders, angles of its motors (N, n) rad and torques (N, n) N m as reported."""
+    """A run of the plant: motion at the encoders, motor angles (N, n) rad and reported torques (N, n) N m."""
 
     motion: Trajectory
     motor: np.ndarray
@@ -108,7 +108,7 @@ def ran(truth: Arm, drive: Arm) -> Happened:
 
 
 def gap(arm: Arm, happened: Happened) -> float:
-    """RMS over joints and sliding samples of reported minus predicted torque, each over the joint's reported RMS."""
+    """RMS over joints and sliding samples of reported minus predicted torque, relative to each joint's reported RMS."""
     path = torque_path(arm, happened.motion)
     slowest = np.minimum(np.abs(path.dq_motor), np.abs(summed(arm, happened.motion)))
     slid = minimum_filter1d(slowest, WINDOW, axis=0) > SLIDING
@@ -118,7 +118,7 @@ def gap(arm: Arm, happened: Happened) -> float:
     return float(np.sqrt(np.mean(rest[slid] ** 2)))
 
 
-CROSSING, LIMIT = "backlash", "torque_saturation"  # these show otherwise, below
+CROSSING, LIMIT = "backlash", "torque_saturation"  # tested separately below
 seen_by_torque = [e for e in EFFECTS if e.name not in (CROSSING, LIMIT)]
 
 
@@ -130,7 +130,7 @@ def plain(arm: Arm) -> Happened:
 
 @pytest.mark.parametrize("effect", seen_by_torque, ids=lambda e: e.name)
 def test_the_plants_torque_is_the_predicted_one(effect: Effect, arm: Arm, present: Present) -> None:
-    """Within two thousandths of a joint's torque with the effect; well beyond that without it."""
+    """Within 2e-3 of a joint's torque with the effect; without it, the gap is more than twice as large."""
     item = present(effect)
     happened = ran(with_effect(arm, item), arm)
     explained = gap(with_effect(arm, item), happened)
@@ -146,7 +146,7 @@ def test_a_plant_without_an_effect_is_explained_by_the_arm_alone(arm: Arm, plain
 
 
 def test_a_gap_is_crossed_where_the_load_changes_sign(arm: Arm) -> None:
-    """Where the gear carries a load the motor stands half a gap before the link, to 3 % of what MuJoCo's stops give way."""
+    """Under load the motor leads the link by half the gap, to the 3 % by which MuJoCo's stops yield."""
     item = ArmEffect("backlash", "shoulder_pan_joint", {"half_gap": 0.004})
     happened = ran(with_effect(arm, item), arm)
     path = torque_path(with_effect(arm, item), happened.motion)

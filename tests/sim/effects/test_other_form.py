@@ -1,7 +1,8 @@
-"""An effect made by a plant of another form is explained by the catalogue's form, and a plant without it is not.
+"""The catalogue's form explains an effect of a plant of another form, but does not fit a plant without the effect.
 
-The other plant is that of the blind cases, `benchmarks.exam`: own rigid dynamics and integrator, bristles instead of Dahl's law, two
-masses instead of a twist, powers and exponents that the catalogue does not have. Here it has no scatter and no noise.
+The other plant is that of the blind cases, `benchmarks.exam`. It has its own rigid dynamics and integrator, bristles instead
+of Dahl's law, two masses instead of a twist, and powers and exponents that the catalogue does not have. Here it has no
+scatter and no noise.
 """
 
 from __future__ import annotations
@@ -26,15 +27,15 @@ from sim.effects import EFFECTS, effect_named, with_effect
 from sim.prediction import predict
 from sim.trajectory import Trajectory
 
-BAND, SMOOTH, STEP, THIN = 10.0, 25.0, 1e-3, 4  # Hz of torque and of position that a diagnosis keeps; s; every fourth sample
+BAND, SMOOTH, STEP, THIN = 10.0, 25.0, 1e-3, 4  # Hz, bandwidths of torque and position in a diagnosis; s; one sample in four
 SLIDING = 0.05  # rad/s; a joint at rest holds any torque within its dry friction
-# what an answer does not tell is searched, as a diagnosis would
+# parameters that an answer does not state are searched, as by a diagnosis
 SEARCHED = {
     "phase": np.linspace(-np.pi, np.pi, 25),
     "relative_drop": np.linspace(0.05, 0.6, 12),
     "time_constant": np.array([10.0, 20.0, 50.0, 100.0, 200.0]),
 }
-SEEN_OTHERWISE = ("torque_saturation",)  # a clipped torque still is the torque of the motion that comes of it
+SEEN_OTHERWISE = ("torque_saturation",)  # a clipped torque is still the torque of the resulting motion
 
 
 @dataclass(frozen=True)
@@ -47,7 +48,7 @@ class Recording:
 
 @pytest.fixture(scope="module")
 def arms(tmp_path_factory: pytest.TempPathFactory) -> tuple[Arm, TrueArm]:
-    """The model of a UR10e, and the arm itself, exactly as drawn."""
+    """The model of a UR10e, and the true arm with exactly the model's parameters."""
     nominal = write_model("ur10e", Path(tmp_path_factory.mktemp("arm")) / "arm.xml")
     true = build("ur10e", nominal.tree, nominal.tau_max, HARDWARE["ur10e"], motions.HOME, np.random.default_rng(0), False)
     true.chain = true.nominal
@@ -83,7 +84,7 @@ def recorded(true: TrueArm) -> Recording:
 
 
 def gap(arm: Arm, made: Recording) -> float:
-    """RMS over joints and sliding samples of reported minus predicted torque, each over the joint's RMS."""
+    """RMS over joints and sliding samples of reported minus predicted torque, relative to each joint's RMS."""
     expected = sosfiltfilt(butter(4, BAND, fs=1 / STEP / THIN, output="sos"), predict(arm, made.motion), axis=0)
     rest = (made.tau - expected) / np.sqrt(np.mean(made.tau**2, axis=0))
     sliding = np.abs(made.motion.dq) > SLIDING
@@ -91,8 +92,8 @@ def gap(arm: Arm, made: Recording) -> float:
 
 
 def hidden_in(true: TrueArm, hidden: Hidden, form: int) -> tuple[TrueArm, dict[str, float], int]:
-    """(arm with a strong dose of it, the answer, its joint or -1)."""
-    # one that gravity loads; but a gap where the load changes sign, and not so wide that the gear bounces
+    """Return the arm with a strong dose of the effect, the answer, and the joint or -1."""
+    # a joint that gravity loads; for backlash, one whose load changes sign, with a gap too narrow for the gear to bounce
     place, share = (0, 0.3) if hidden.name == "backlash" else (1, 0.6)
     joint = hidden.joints[min(place, len(hidden.joints) - 1)] if hidden.joints else -1
     changed = true.copy()
@@ -113,7 +114,7 @@ def test_every_effect_of_the_catalogue_can_be_hidden() -> None:
 def test_what_another_plant_does_is_explained(
     hidden: Hidden, form: int, arms: tuple[Arm, TrueArm], without: tuple[Recording, float]
 ) -> None:
-    """At the answer's parameters the catalogue's form explains three quarters of what the effect adds to the gap (of its square)."""
+    """With the answer's parameters, the catalogue's form explains three quarters of what the effect adds to the squared gap."""
     nominal, true = arms
     changed, answer, joint = hidden_in(true, hidden, form)
     with_it, (without_it, clean) = recorded(changed), without

@@ -1,4 +1,4 @@
-"""What nobody is sure of widens the verified torque: readings that are scaled or late, too."""
+"""An uncertain gain or delay of the torque reading widens the bounds of the verified torque."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ T = np.linspace(0.0, 1.0, 101)
 
 
 def reading(effect: str, parameter: str, value: float, unsure: float) -> Interval:
-    """(101, 1) of a torque that rises by 10 N m a second from 10 N m."""
+    """Bounds (101, 1) N m on the reading of a torque that rises from 10 N m by 10 N m/s."""
     still = Interval.zeros((len(T), 1))
     box = TorqueBox.of(still.copy(), still.copy(), still.copy(), np.array([1.0]), np.array([100.0]), 0.0, T)
     box.reading = Interval.around(10.0 + 10.0 * T[:, None], 0.0)

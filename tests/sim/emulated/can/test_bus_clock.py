@@ -1,4 +1,4 @@
-"""A pause of the emulator is no silence of its host."""
+"""A stall of the emulator does not count as silence of its host."""
 
 from __future__ import annotations
 

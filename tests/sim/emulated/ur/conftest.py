@@ -1,4 +1,4 @@
-"""An emulated controller in front of joints that are where they are wanted."""
+"""An emulated controller with joints that follow their targets exactly."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The real ur_rtde clients against the emulated controller. They run in a process of their own: their C++ holds Python's lock."""
+"""The real ur_rtde clients against the emulated controller, in a process of their own because their C++ code holds the GIL."""
 
 from __future__ import annotations
 

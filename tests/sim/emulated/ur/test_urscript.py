@@ -1,4 +1,4 @@
-"""Programs are run statement by statement; what is not understood, fails or never waits ends, and nothing of it reaches Python."""
+"""Programs run statement by statement. One that is not understood, fails or never waits is ended and does not reach Python."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from sim.emulated.ur.urscript import Ended, NotCompiled, Program
 
 
 def run(text: str, periods: int = 100) -> tuple[list[Any], int]:
-    """What a program showed, and after how many periods it ended."""
+    """Values that a program showed, and the number of periods that it ran."""
     shown: list[Any] = []
 
     def show(*values: Any) -> Generator[None, None, None]:
