@@ -144,5 +144,6 @@ def test_wrong_rows_are_refused(tmp_path: Path, name: str, rows: list[dict[str, 
 
 
 def test_every_committed_file_can_be_read() -> None:
-    for name, found in results.read().items():
-        assert found.rows, name
+    found = results.read()
+    assert len(found) > 20
+    assert [name for name, one in found.items() if not one.rows] == []

@@ -1,4 +1,4 @@
-"""What several tests of calib share: motions and logs whose truth is known, from the benchmarks that measure on the same."""
+"""Fixtures and helpers that several tests of calib share. Motions and logs of known truth come from the benchmarks."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ __all__ = ["fourier_motion", "recorded", "varied"]
 
 @pytest.fixture(scope="session", autouse=True)
 def memory_is_not_locked() -> Iterator[None]:
-    """`calib check` locks memory, which takes into memory all that this process of many tests has mapped and keeps it, gigabytes.
+    """Replace the memory lock of `calib check`: it would pin gigabytes that this process of many tests has mapped.
 
-    That it can be locked is tested in processes of their own, in tests/safety/test_realtime.py.
+    tests/safety/test_realtime.py tests the lock itself in separate processes.
     """
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(realtime, "_lock_memory", lambda: False)
@@ -43,7 +43,7 @@ def desk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 @pytest.fixture
 def no_callback_left() -> Iterator[None]:
-    """MuJoCo's passive-force callback is one for the process, and other tests compile models."""
+    """Remove MuJoCo's passive-force callback, which is global to the process: other tests compile models."""
     yield
     mujoco.set_mjcb_passive(None)
 

@@ -1,4 +1,4 @@
-"""Arms whose drives are not known."""
+"""Arms with unknown drives."""
 
 from __future__ import annotations
 
@@ -8,5 +8,5 @@ from sim.arm import Arm
 
 
 def silent(arm: Arm) -> Arm:
-    """The arm with drives of which nobody stated anything."""
+    """The arm with friction, reflected inertia and torque offset declared unknown."""
     return replace(arm, prior=arm.prior.model_copy(update={"unknown": ["coulomb", "viscous", "rotor", "offset"]}))

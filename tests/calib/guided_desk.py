@@ -1,4 +1,4 @@
-"""A guided session without its commands: what stands in for the program, and where it is started."""
+"""Stand-in for the commands of a guided session, and helpers that start a session with it."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ ROUND = ["check", "plan", "record", "identify", "validate", "diagnose"]
 
 
 class Commands:
-    """Stands in for the program: writes what each command would write, and counts; `fail` gives an exit code before."""
+    """Stand-in for the program: writes each command's files and records its arguments. `fail` may return an exit code first."""
 
     def __init__(self, answers: list[dict[str, Any]], fail: Callable[[int, str], int] = lambda count, verb: 0) -> None:
         self.answers, self.fail, self.lines = answers, fail, list[list[str]]()
@@ -51,7 +51,7 @@ class Commands:
 
 
 def go(commands: Commands, monkeypatch: pytest.MonkeyPatch, *more: str, answers: str = "", cell: str = "mock-ur10e") -> int:
-    """`calib go CELL`, its steps played by `commands`, its questions answered by `answers`."""
+    """Run `calib go CELL` with its commands replaced by `commands` and its questions answered from `answers`."""
     real = program.start
     monkeypatch.setattr(program, "start", commands)
     monkeypatch.setattr(sys, "stdin", io.StringIO(answers))

@@ -1,4 +1,4 @@
-"""`calib arm new`: a URDF as ROS has it becomes an arm folder; nothing is guessed."""
+"""`calib arm new` turns a ROS URDF into an arm folder and guesses nothing."""
 
 import numpy as np
 import pinocchio as pin

@@ -1,4 +1,4 @@
-"""`calib arm new` of a ROS package: its meshes found, nothing guessed, nothing overwritten."""
+"""`calib arm new` on a ROS package finds its meshes, guesses nothing and overwrites nothing."""
 
 from __future__ import annotations
 

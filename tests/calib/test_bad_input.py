@@ -1,4 +1,4 @@
-"""Files as they come from a bad day, given to the command: each is refused with file, place, value, rule and remedy, or read as requested."""
+"""Faulty files are refused with file, place, value, rule and remedy, or read as requested."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def of_bytes(name: str, content: bytes) -> Path:
 
 
 def mcap(names: tuple[str, ...] = JOINTS, back: bool = False, bad: float = 0.0) -> Path:
-    """A second of motion at 100 Hz, recorded by the product's own recorder."""
+    """One second of motion at 100 Hz, written by the package's recorder."""
     path = Path("log.mcap")
     nan = np.full(len(names), np.nan)
     with Recorder(path, names, {"arm": "servo6"}) as recorder:
@@ -70,7 +70,7 @@ def mcap(names: tuple[str, ...] = JOINTS, back: bool = False, bad: float = 0.0) 
     return path
 
 
-# what is wrong with the file -> how it is made, and the words that the answer must hold
+# fault of the file: how it is made, and the words that the error must contain
 REFUSED = {
     "a value of 1e279": (
         lambda: changed(300, "actual_q_2", "1e279"),

@@ -1,4 +1,4 @@
-"""The commands check and emulate, as the operator types them."""
+"""The commands `check` and `emulate`, as an operator types them."""
 
 from __future__ import annotations
 

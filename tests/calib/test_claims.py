@@ -1,4 +1,4 @@
-"""Every sentence of identify, validate and plan is a claim with numbers; each kind is checked here on what was written."""
+"""Every sentence of identify, validate and plan is a claim with numbers, and each kind is checked against the written files."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from tests.calib.test_discriminate import ELBOW, SPRING, diagnosis
 
 
 def fits(seed: int) -> tuple[Arm, Identification]:
-    """An arm by seed, with too little motion to show all of it, and what identification makes of it."""
+    """An arm chosen by seed, with too little motion to show all of it, and its identification."""
     nominal = load_arm(("ur5e", "servo6", "ur3e")[seed % 3])
     truth = varied(nominal, seed)
     if seed % 2:
@@ -108,7 +108,7 @@ def _no_impossible_estimate(found: Identification, outside: set[str]) -> None:
 
 
 def test_which_reading_was_used_is_claimed_and_written(tmp_path: Path) -> None:
-    """A coarse encoder beside a fine speed: the arm that is written reads the speed, and the fit's filter is the one that is named."""
+    """With a coarse encoder the written arm uses the speed reading, and the claim states the cutoff of the fit."""
     nominal = load_arm("ur5e")
     log = recorded(varied(nominal, 6), fourier_motion(nominal, 60, seconds=8.0), 1)
     coarse = replace(log, q=np.round(log.q / 4e-3) * 4e-3, q_cmd=np.full(log.q.shape, np.nan))
@@ -133,7 +133,7 @@ def test_which_reading_was_used_is_claimed_and_written(tmp_path: Path) -> None:
 
 
 def test_an_estimate_that_no_arm_has_is_not_printed(tmp_path: Path) -> None:
-    """A joint without friction in noise: the data alone put it below zero as often as above."""
+    """For a joint without friction, noise puts the estimate below zero as often as above."""
     _, found = fits(1)
     result = found.result
     below = replace(result.estimate("viscous_2"), value=-1.0, std=0.2)
@@ -181,7 +181,7 @@ def test_what_validate_claims_is_so(factor: float, ur5e: Arm) -> None:
 
 
 def test_an_unstable_simulation_is_no_error_in_degrees(ur5e: Arm) -> None:
-    """A light joint that rubs: validate says that the simulation is unstable, and validation.json stays JSON."""
+    """A light joint with friction: validate reports an unstable simulation, and validation.json stays valid JSON."""
     log = recorded(varied(ur5e, 3), fourier_motion(ur5e, 1, seconds=6.0), 1)
     found = validate(ur5e, [log])
     check = found.checks[0]
@@ -207,7 +207,7 @@ def test_a_rounded_number_is_written_out(value: float, digits: int, text: str) -
 
 
 def test_what_plan_claims_is_so(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
-    """Also of the motion on which two explanations of a diagnosis part; of fewer and shorter motions than `--quick` makes."""
+    """Includes the motion that separates two explanations of a diagnosis. Motions are fewer and shorter than with `--quick`."""
     monkeypatch.setattr(session, "QUICK", replace(session.QUICK, tries=5, speeds=(0.2,), chirp=3.0))
     monkeypatch.setattr(session, "discriminating", partial(session.discriminating, iterations=2))
     folder = tmp_path / "plan"

@@ -1,4 +1,4 @@
-"""Stated uncertainties are true: many seeded arms on the mock and by formula (slow lane; `make coverage` prints the figures)."""
+"""Stated uncertainties cover the truth for many seeded arms, on the mock and by formula (`make coverage` prints figures)."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from benchmarks import coverage
 pytestmark = pytest.mark.slow
 
 
-# servo6's second wrist reaches 0.73 N m on that motion, of which the noise of its reading alone is 5.7 % in filtered rows
+# servo6's second wrist reaches 0.73 N m on that motion; the noise of its reading alone is 5.7 % of that in filtered rows
 @pytest.mark.parametrize(("name", "most"), [("ur5e", 5.0), ("servo6", 6.0)])
 def test_intervals_cover_on_the_mock(name: str, most: float) -> None:
     found = coverage.on_mock(name, 50)

@@ -1,4 +1,4 @@
-"""The demo hides something that can be found, tells the tool nothing of it, and ends with what was hidden and the report's path."""
+"""The demo hides an effect that can be found, keeps it from the commands, and ends with the effect and the report."""
 
 from pathlib import Path
 from typing import Any

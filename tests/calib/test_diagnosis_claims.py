@@ -1,4 +1,4 @@
-"""Each sentence of a diagnosis is a claim, checked here on diagnosis.json, on the arm that was written, and on the recordings."""
+"""Each sentence of a diagnosis is a claim, checked against diagnosis.json, the written arm and the recordings."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ MISREAD = -np.eye(6)[3] * 2 + 1
 
 @dataclass(frozen=True)
 class Written:
-    """A diagnosis as it stands on the disk: the answer, the arm folder, and the recordings that it is of."""
+    """A diagnosis as written to disk: the answer, the arm folder and its recordings."""
 
     nominal: Arm
     answer: dict[str, Any]
@@ -192,7 +192,7 @@ def test_one_verdict_for_every_answer(change: dict[str, Any], name: str) -> None
     answer = examples.diagnosis()[0] | change
     assert verdict(answer).name == name
     assert sentence(answer) == verdict(answer).sentence
-    # what has changed since healthy recordings is beside their law: it is no arm's error
+    # a change since healthy recordings is not an error of the arm's model, so nothing is removed
     gained = any(c.name == "removed" for c in claims(answer))
     assert gained == (bool(answer["effects"]) and "baseline" not in answer)
 

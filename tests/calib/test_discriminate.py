@@ -1,4 +1,4 @@
-"""A motion parts two explanations by what neither a rival nor a refit can imitate."""
+"""A motion separates two explanations by torque that neither a rival nor a refit can imitate."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def test_an_ascent_parts_more_than_where_it_began_and_keeps_the_limits(ur5e: Arm
     room, pairs, basis = Room(ur5e, open_cell(ur5e)), [(SPRING, ("torque_offset", ELBOW))], Basis(4, 10.0)
     _, first = discriminating(room, pairs, basis, HOME, np.random.default_rng(3), 1, iterations=0)
     found, best = discriminating(room, pairs, basis, HOME, np.random.default_rng(3), 1, iterations=8)
-    assert first > 1.0  # below it, what is compared is rounding
+    assert first > 1.0  # below that, the comparison would be of rounding errors
     assert best > 1.2 * first
     assert room.use(coarse(found)).fits
     assert separation(ur5e, coarse(found), *pairs[0]) == pytest.approx(best)

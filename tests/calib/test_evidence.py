@@ -1,4 +1,4 @@
-"""What the pages draw agrees with the arm it is drawn of: a right name brings the predicted torque to the measured one."""
+"""The curves on a page match the arm that they show: with the right effect the predicted torque meets the measured one."""
 
 from types import SimpleNamespace
 from typing import Any
@@ -18,7 +18,7 @@ SPRING = ArmEffect("joint_spring", "elbow_joint", {"stiffness": 12.0, "rest_angl
 
 
 def found(verdict: str = "effects_found") -> Any:
-    """As much of a diagnosis as the pages ask for: its answer, what was accepted, and the steps of the search."""
+    """The part of a diagnosis that the pages use: its answer, the accepted effects and the steps of the search."""
     steps = [[Scored(SPRING, 900.0, 2), Scored(PAYLOAD, 40.0, 4)], [Scored(PAYLOAD, 12.0, 4)]]
     return SimpleNamespace(
         answer={"verdict": verdict},

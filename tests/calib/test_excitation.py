@@ -1,4 +1,4 @@
-"""Excitation: motions from rest to rest that fit, the session made of them, and refusals that say what binds."""
+"""Excitation: motions from rest to rest within all limits, the session built from them, and refusals with their reason."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def test_capsules_agree_with_the_geometry_that_decides() -> None:
             nearest[frozenset(pair)] = min(distance, nearest.get(frozenset(pair), np.inf))
         shared = [(d, exact[p]) for p, d in nearest.items() if p in exact]
         assert len(shared) > 15
-        # a plan keeps up to 18 mm more than its margin says, and a base's edge is rounder than it is: 25 mm
+        # a plan keeps up to 18 mm beyond its margin, and the capsule of a base rounds off its edge by 25 mm
         assert max(abs(a - b) for a, b in shared if b > 0.05) < 0.045
 
 

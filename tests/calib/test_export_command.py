@@ -1,4 +1,4 @@
-"""`calib export`: files, a table, one JSON document, and a sentence where a format cannot be written."""
+"""`calib export` writes files, a table and one JSON document, and a sentence where a format cannot be written."""
 
 import json
 

@@ -1,4 +1,4 @@
-"""Exported models in use: standing under load, several arms in one scene, other steps, and tables that cannot be."""
+"""Exported models in use: standing under load, several arms in one scene, other time steps, and refused tables."""
 
 import json
 
@@ -23,7 +23,7 @@ pytestmark = pytest.mark.usefixtures("no_callback_left")
 
 
 def table_with(text: str, key: str, value: object) -> str:
-    """The model's text with one value of its table changed; key `a.b` lies in a table of the table."""
+    """The model's text with one value of its table changed; a key `a.b` is in a nested table."""
     begin = text.index("data=", text.index(TABLE)) + 6
     end = text.index('"', begin)
     table = json.loads(text[begin:end].replace("&quot;", '"'))
@@ -60,7 +60,7 @@ def test_a_table_that_cannot_be_is_refused_as_it_is_loaded(tmp_path, quiet_ur10e
 
 
 def test_a_joint_stands_under_a_load_below_its_dry_friction(quiet_ur10e):
-    """On bristles without damping it vibrates at 3 to 11 mrad/s and creeps by 1 mrad/s."""
+    """On bristles without damping it would vibrate at 3 to 11 mrad/s and creep at 1 mrad/s."""
     for name, dose in (
         ("stribeck_friction", {"stiction_excess": 4.0, "stribeck_velocity": 0.05}),
         ("load_dependent_friction", {"coefficient": 0.1}),

@@ -1,4 +1,4 @@
-"""The public face: what it holds, that it is typed, that importing it does nothing else, and that a foreign `sim` does not break it."""
+"""The public API: its names and types, imports without side effects, and robustness against another `sim` package."""
 
 import ast
 import subprocess
@@ -82,7 +82,7 @@ home = [-0.5, 0.6]
 
 
 def test_from_plan_to_fit_by_the_face_alone(tmp_path):
-    """The whole line in Python, on an arm made from a URDF; a cell behind which an arm may stand needs a person's approval."""
+    """The whole workflow in Python on an arm from a URDF. A cell that may have a real arm needs a person's approval."""
     (tmp_path / "two.urdf").write_text(TWO.format(links=BODY.format("a") + BODY.format("b")))
     made = ["arm", "new", str(tmp_path / "two.urdf"), "--limit", "ddq_max=8", "--limit", "jerk_max=200", "--numbers", "cad"]
     assert main([*made, "--out", str(tmp_path / "arm")]) == 0

@@ -1,4 +1,4 @@
-"""The guided session: its steps in their order, left and continued at every step, another round where the answer is open."""
+"""The guided session: steps in order, interruption and resumption at every step, and another round if the answer is open."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def test_the_held_out_log_is_never_fitted(desk: Path, monkeypatch: pytest.Monkey
 
 @pytest.mark.parametrize("broken", range(1, 8))
 def test_it_goes_on_where_it_was_left(desk: Path, monkeypatch: pytest.MonkeyPatch, broken: int) -> None:
-    """Whichever step fails, the same command later repeats that step and no other."""
+    """Whichever step fails, the same command later repeats only that step."""
     first = Commands([SETTLED], lambda count, verb: 4 if count == broken else 0)
     assert go(first, monkeypatch, "--yes") == 4
     assert len(first.lines) == broken
@@ -68,7 +68,7 @@ def test_it_goes_on_where_it_was_left(desk: Path, monkeypatch: pytest.MonkeyPatc
     assert go(second, monkeypatch, "--yes") == 0
     assert [*first.verbs[:-1], *second.verbs] == [*ROUND, "validate"]
     assert session(desk).closed
-    # the folder of the failed try stays as it is
+    # the folder of the failed attempt is not changed
     outs = [line[line.index("--out") + 1] for line in [*first.lines, *second.lines] if "--out" in line]
     assert len(set(outs)) == len(outs)
 

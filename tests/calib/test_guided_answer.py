@@ -1,4 +1,4 @@
-"""A diagnosis.json that is none ends a guided session with a sentence that names the file and the field."""
+"""A malformed diagnosis.json ends a guided session with a sentence that names the file and the field."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def test_an_odd_diagnosis_is_a_sentence_and_no_traceback(
     assert "--new" in error
     found = session(desk)
     assert not found.closed
-    # the session goes on where the file is restored
+    # the session continues once the file is restored
     (found.folder / "diagnosis/diagnosis.json").write_text(json.dumps(NOTHING))
     assert go(Commands([]), monkeypatch, "--yes") == 0
 

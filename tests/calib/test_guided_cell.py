@@ -1,4 +1,4 @@
-"""A guided session whose cell, arm or own file was changed meanwhile."""
+"""A guided session whose cell, arm or session file was changed in the meantime."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from tests.calib.guided_desk import NOTHING, ROUND, Commands, go, session
 
 @pytest.fixture
 def edit(desk: Path) -> Callable[[str], None]:
-    """Changes the file of the cell `mine`, or of its arm."""
+    """Return a function that changes the file of the cell `mine` or of its arm."""
     (desk / "configs/cells").mkdir(parents=True)
     arm = desk / "configs/arms/myarm"
     shutil.copytree(Path(load_arm("ur10e").model_path).parent, arm)
@@ -65,7 +65,7 @@ def test_recordings_of_another_cell_or_arm_are_another_session(
 def test_what_changes_while_the_session_waits_for_an_answer_is_its_own(
     what: str, edit: Callable[[str], None], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The file is corrected at the question of the first recording: what follows is of the file as it is then, and the session goes on."""
+    """The file is corrected at the question of the first recording. The session continues with the corrected file."""
 
     def fail(count: int, verb: str) -> int:
         if count == 3:

@@ -1,4 +1,4 @@
-"""A guided session that is interrupted: with Ctrl-C, at a question or in a step, or by a plan that has lost a file."""
+"""A guided session interrupted with Ctrl-C, at a question or in a step, or whose plan has lost a file."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from tests.calib.guided_desk import NOTHING, ROUND, Commands, go, session
 
 
 class Interrupted(io.StringIO):
-    """Where nobody answers but with Ctrl-C."""
+    """Standard input that only ever receives Ctrl-C."""
 
     def readline(self, size: int | None = -1) -> str:
         raise KeyboardInterrupt

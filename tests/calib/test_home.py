@@ -1,4 +1,4 @@
-"""Where motions begin: postures that are clear, that the torque limits hold, and from which every joint can be swept."""
+"""Start postures: clear of obstacles, held within the torque limits, and with room to sweep every joint."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def test_where_what_nobody_stated_takes_the_torque_the_sentence_names_it() -> No
 
 
 def test_a_home_lets_every_joint_sweep(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The best of all where that is possible, any of those with a motion where it is not."""
+    """The best posture that allows it; if none does, the best one with a motion."""
     arm = load_arm("ur10e")
     room = Room(arm, open_cell(arm))
     asked: list[np.ndarray] = []
@@ -85,7 +85,7 @@ def test_a_home_lets_every_joint_sweep(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_where_room_and_torque_leave_little_choice_a_home_has_some_of_both(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of the few postures that can be held the roomiest takes nearly all of a torque limit."""
+    """Few postures can be held, and the roomiest of them takes nearly all of a torque limit."""
     arm = load_arm("ur10e")
     room = Room(arm, open_cell(arm))
     free = room.nearness.clearances
@@ -113,7 +113,7 @@ def test_the_assumed_plane_is_below_what_turns_upright_on_the_base() -> None:
     arm = load_arm("ur10e")
     low = Shape(0, "low", "sphere", (0.05, 0.0, 0.0), np.eye(3), -arm.tree.position[0] + [0.0, 0.0, -0.06])
     lowered = replace(arm, tree=replace(arm.tree, shapes=(*arm.tree.shapes, low)))
-    assert open_cell(arm).table.obstacles[0].position[2] == -0.097  # its base's
+    assert open_cell(arm).table.obstacles[0].position[2] == -0.097  # that of its base
     room = Room(lowered, open_cell(lowered))
     assert ("low", "mounting_plane") in room.clearance.always_apart
 
@@ -128,7 +128,7 @@ def test_where_the_assumed_plane_leaves_no_posture_the_sentence_asks_for_the_cel
 
 
 def test_a_home_is_free_by_the_bodies_themselves_not_only_by_capsules() -> None:
-    """A capsule holds less than a cylinder's rim, by which it may be too near to a plane."""
+    """A capsule leaves out the rim of a cylinder, which may be too near to a plane."""
     arm = load_arm("ur10e")
     drum = Shape(5, "drum", "cylinder", (0.12, 0.12, 0.0), np.eye(3), np.zeros(3))
     arm = replace(arm, tree=replace(arm.tree, shapes=(*arm.tree.shapes, drum)))
@@ -165,13 +165,13 @@ def test_where_few_postures_can_be_held_those_with_slack_on_every_side_are_climb
 
 
 def test_a_posture_from_which_no_stop_is_possible_is_told_from_one_that_is_only_held() -> None:
-    """As in `Room.use`: however slow a motion is, its stop slows down by a share of the deceleration."""
+    """As in `Room.use`: the stop of even a very slow motion needs a share of the deceleration."""
     arm = load_arm("ur10e")
     room = Room(arm, open_cell(arm))
     held = room.holding(HOME[None]).max()
     taken = room.stopping(HOME[None])[0]
     assert held < taken.max() < 1
-    # as much torque as the posture takes to hold, and hardly more
+    # torque limits just above what it takes to hold the posture
     weak = replace(arm, tau_max=1.05 * room.holding(HOME[None])[0] * arm.tau_max)
     room = Room(weak, room.cell)
     assert room.holding(HOME[None]).max() < 1 < room.stopping(HOME[None]).max()
@@ -198,7 +198,7 @@ def test_where_a_stop_is_hardly_possible_at_the_roomiest_the_home_is_one_where_i
     monkeypatch.setattr(room, "stopping", stopping)
     assert abs(home_of(room, room.cell, None, np.random.default_rng(0))[0] - plain[0]) >= 1.0
     asked, amplitude = 0, home._amplitude
-    # nothing moves about any but those that are looked for by their stop
+    # only the postures that are searched for their stop allow a motion
     monkeypatch.setattr("calib.excitation.home._amplitude", lambda of, motion: amplitude(of, motion) if asked > 1000 else 0.0)
     found = home_of(room, room.cell, None, np.random.default_rng(0))
     assert asked > 1000
@@ -206,7 +206,7 @@ def test_where_a_stop_is_hardly_possible_at_the_roomiest_the_home_is_one_where_i
 
 
 def test_a_stop_by_drives_of_which_nobody_stated_anything_moves_no_home(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The plan asks for what nobody stated: torque that it is only thought to take says little of a posture."""
+    """A plan requires the missing values. Torque that is only assumed says little about a posture."""
     arm = silent(load_arm("ur10e"))
     room = Room(arm, open_cell(arm))
     plain = home_of(room, room.cell, None, np.random.default_rng(0))
@@ -215,7 +215,7 @@ def test_a_stop_by_drives_of_which_nobody_stated_anything_moves_no_home(monkeypa
 
 
 def test_slack_counts_a_pair_that_is_always_near_by_how_much_it_changes() -> None:
-    """Two neighbours are 5 mm apart in every posture: the posture that is far from what moves has more slack all the same."""
+    """Two neighbours are 5 mm apart in every posture. A posture far from moving bodies still has more slack."""
     neighbours = 0.005 + 1e-4 * np.array([0.0, 1.0, -1.0, 0.0])
     clearances = np.column_stack([np.full(4, np.inf), neighbours, [0.3, 0.1, 0.01, 0.2]])
     slack = Slack(clearances, np.full((4, 2), 0.5)).of(clearances, np.full((4, 2), 0.5))
@@ -223,7 +223,7 @@ def test_slack_counts_a_pair_that_is_always_near_by_how_much_it_changes() -> Non
 
 
 def test_masses_that_no_motor_holds_ask_for_a_spring_which_takes_of_their_torque() -> None:
-    """A shoulder lift that takes more than its motor gives in most postures, unless a counterbalance pulls as the masses do."""
+    """A shoulder lift that needs more torque than its motor gives in most postures, unless a counterbalance spring helps."""
     of = load_arm("ur10e")
     arm = replace(of, q_max=np.where(np.arange(6) == 1, -0.3, of.q_max), q_min=np.where(np.arange(6) == 1, -1.0, of.q_min))
     arm = replace(arm, tau_max=np.array([330.0, 60.0, 150.0, 56.0, 56.0, 56.0]))

@@ -1,4 +1,4 @@
-"""Identification on logs whose truth is known, on real recordings where they are, and on logs that cannot serve."""
+"""Identification on logs of known truth, on real recordings if present, and on unsuitable logs."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def test_the_exported_arm_can_exist_and_predicts_like_the_fit(ur5e: Arm, tmp_pat
 
 
 def test_where_no_joint_has_a_law_the_parameters_that_leave_less_are_kept(ur5e: Arm, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Those found beside laws hold rows at rest too: on a published arm they had half its dry friction."""
+    """Parameters fitted with laws also fit rows at rest. On a published arm they had half its dry friction."""
     stated = replace(ur5e, prior=ur5e.prior.model_copy(update={"numbers": "cad"}))
     truth = varied(stated, 1)
     logs = [recorded(truth, fourier_motion(stated, seed), seed) for seed in (1, 2)]
@@ -106,7 +106,7 @@ def test_masses_only_keeps_the_inertias(ur5e: Arm) -> None:
     found = identify(ur5e, [log], options=Options(masses_only=True))
     shift = found.arm.tree.com - ur5e.tree.com
     for i in range(6):
-        # inertia about the nominal centre of mass stays: about its own it is less by m |shift|^2 at most
+        # the inertia about the nominal centre of mass stays; about its own it is less by at most m |shift|^2
         change = np.abs(found.arm.tree.inertia[i] - ur5e.tree.inertia[i]).max()
         assert change <= found.arm.tree.mass[i] * (shift[i] @ shift[i]) + 1e-6
 

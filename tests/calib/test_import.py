@@ -1,4 +1,4 @@
-"""`calib import`: what it prints, what it writes, and what it refuses."""
+"""`calib import`: what it prints, writes and refuses."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def test_a_file_that_is_not_there(capsys: pytest.CaptureFixture[str], tmp_path: 
 
 @pytest.fixture
 def table_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A CSV file of some other program: degrees, milliseconds, two joints, a column of words."""
+    """A CSV file of another program: degrees, milliseconds, two joints and a column of text."""
     monkeypatch.chdir(tmp_path)
     t = 0.002 * np.arange(1500)
     q = 0.6 * np.sin(np.outer(t, [2.0, 3.1]))
@@ -131,7 +131,7 @@ def test_options_say_what_columns_mean(table_file: Path, capsys: pytest.CaptureF
 def test_a_matrix_is_named_once_and_speeds_are_guessed_by_their_positions(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Both in degrees in a MAT file: nothing in the names says so of the speeds, but they are the derivative of the positions."""
+    """Both are in degrees in a MAT file. No name gives the unit of the speeds, but they are the derivative of the positions."""
     monkeypatch.chdir(tmp_path)
     t = 0.002 * np.arange(1500)
     q, dq = 0.6 * np.sin(np.outer(t, [2.0, 3.1])), 0.6 * np.array([2.0, 3.1]) * np.cos(np.outer(t, [2.0, 3.1]))
@@ -186,7 +186,7 @@ def test_jitter_is_reported_and_the_stamps_are_kept(table_file: Path, capsys: py
 
 @pytest.fixture
 def servo_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[Path, np.ndarray]:
-    """A table of a servo whose load word was kept unsigned, and the load in A."""
+    """A table of a servo whose signed load word was stored as unsigned, and the load in A."""
     monkeypatch.chdir(tmp_path)
     t = 0.004 * np.arange(1500)
     milliampere = np.rint(600 * np.sin(2.0 * t)).astype(int)
@@ -217,7 +217,7 @@ def test_a_signed_word_that_was_kept_unsigned_is_named_and_converted(
 
 
 def test_a_recording_without_a_torque_constant_is_imported(csv_file: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """ur5e has none: its currents are kept, and that torque is unknown is no refusal."""
+    """ur5e has none. Its currents are kept, and an unknown torque is no reason to refuse."""
     assert main(["import", str(csv_file), "--arm", "ur5e", "--assume", "as-recorded", "--out", "kept"]) == 0
     printed = capsys.readouterr().out
     assert "ur5e has no torque_constant" in " ".join(printed.split())

@@ -1,4 +1,4 @@
-"""`calib init` finds an emulated robot by its dashboard server, a model file, adapters; what it writes can be checked at once."""
+"""`calib init` finds an emulated robot by its dashboard server, a model file and adapters; its cell can be checked at once."""
 
 from __future__ import annotations
 

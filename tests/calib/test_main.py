@@ -1,4 +1,4 @@
-"""The program's manners: exit codes, nearest right words, and nothing that looks like a traceback."""
+"""The program's behaviour: exit codes, suggestions for misspelt words, and no tracebacks."""
 
 import contextlib
 import errno
@@ -138,7 +138,7 @@ def test_quiet_prints_nothing_but_errors(line: list[str], capsys: pytest.Capture
 
 
 def test_no_color_is_respected(tmp_path: Path) -> None:
-    """On a terminal of 80 columns: no colour, and no line wider than it."""
+    """On a terminal of 80 columns: no colour and no wider line."""
     ours, theirs = pty.openpty()
     termios.tcsetwinsize(ours, (24, 80))
     surroundings = os.environ | {"NO_COLOR": "1", "TERM": "xterm-256color", "COLUMNS": "80"}
@@ -159,7 +159,7 @@ def test_no_color_is_respected(tmp_path: Path) -> None:
 def test_a_run_that_cannot_be_ended_is_reported_and_keeps_its_answer(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Its run.toml was changed meanwhile: that is no reason to lose the exit code of what was done."""
+    """Its run.toml was changed meanwhile. The exit code of the completed work must not be lost."""
 
     def broken(*_: object) -> None:
         raise ConfigError("run.toml: an integer beyond 64 bits")

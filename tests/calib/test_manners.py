@@ -1,4 +1,4 @@
-"""What the program says to those who ask for help and to those who mistype: snapshots, so that every change of a word is seen.
+"""Help texts and answers to mistyped commands, as snapshots that show every changed word.
 
 `pytest tests/calib/test_manners.py --snapshot-update` accepts the new words.
 """
@@ -21,7 +21,7 @@ from sim.version import software_version
 ROOT = Path(__file__).resolve().parents[2]
 SUBCOMMANDS = ["arm new", "arm drive", "arm read"]
 
-# what the hand does most often at half past five, and what answers it
+# common mistakes at the keyboard
 MISTAKES = [
     "identfy ur10e excitation.mcap",
     "halp",
@@ -64,7 +64,7 @@ MISTAKES = [
 
 @pytest.fixture
 def desk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A folder in which the mistakes are made."""
+    """A working folder with the files that the mistakes refer to."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COLUMNS", "100")
     shutil.copy(ROOT / "logs" / "samples" / "servo6_excitation.mcap", "excitation.mcap")
@@ -88,7 +88,7 @@ def desk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def words(text: str) -> str:
-    """The output, without what differs from machine to machine and from day to day."""
+    """The output without anything that depends on the machine or the date."""
     for folder in config_folders(None, "cells"):
         text = text.replace(str(folder.parent), "configs")
     return re.sub(r"\d{8}T\d{6}Z", "<utc>", text)
@@ -143,7 +143,7 @@ def test_a_plan_that_no_run_would_take_is_refused_before_it_is_made(tmp_path: Pa
 
 
 def options_of(command: Any, words: str = "") -> Iterator[tuple[str, Any]]:
-    """Every option of a command and of those below it, with the words that lead to it."""
+    """Every option of a command and its subcommands, with the words of its command line."""
     if hasattr(command, "list_commands"):
         for name in command.list_commands(None):
             yield from options_of(command.get_command(None, name), f"{words} {name}".strip())
@@ -152,7 +152,7 @@ def options_of(command: Any, words: str = "") -> Iterator[tuple[str, Any]]:
 
 
 def test_every_number_has_bounds() -> None:
-    """Infinity reached the report of `validate --max-error`, which cannot hold it."""
+    """`validate --max-error` once accepted infinity, which its report cannot hold."""
     numbers = {
         words: option
         for words, option in options_of(get_command(app))

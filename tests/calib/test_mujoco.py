@@ -1,4 +1,4 @@
-"""The exported MuJoCo model moves as `sim.plant` does, for every effect; `calib.mujoco` harms no other model and refuses what it cannot read."""
+"""The exported MuJoCo model moves like `sim.plant` for every effect, and `calib.mujoco` leaves other models alone."""
 
 import json
 
@@ -18,11 +18,11 @@ from sim.mujoco_export import TABLE, exported_model
 from sim.plant import Plant
 
 JOINT = "shoulder_lift_joint"
-# Dry friction of plain MuJoCo steps at once where the catalogue's law, which LuGre follows, builds it up over 0.1 mrad
+# Dry friction of plain MuJoCo is a step, while the catalogue's law, which LuGre follows, builds up over 0.1 mrad.
 REVERSALS = ("stribeck_friction", "load_dependent_friction", "thermal_friction")
 
 CASES = list(doses())
-SECONDS = 2.5  # of the benchmark's five, in which each dose has been at work; of those that show at reversals all five
+SECONDS = 2.5  # of the benchmark's five, enough for each dose to act; effects that show at reversals run all five
 
 
 pytestmark = pytest.mark.usefixtures("no_callback_left")
@@ -41,7 +41,7 @@ def item_of(effect, dose):
 
 @pytest.mark.parametrize(("effect", "dose"), CASES, ids=[e.name for e, _ in CASES])
 def test_the_exported_arm_moves_as_the_plant_does(effect, dose, quiet_ur10e, without):
-    """Under one drive: motion within 1 % of it, torque within 0.5 % but in reversals; far nearer than the arm without the effect."""
+    """Same drive: motion within 1 %, torque within 0.5 % except at reversals, much closer than the arm without the effect."""
     truth = with_effect(quiet_ur10e, item_of(effect, dose))
     seconds = 2 * SECONDS if effect.name in REVERSALS else SECONDS
     real = ran(Plant(truth, quiet_ur10e), seconds)
@@ -112,7 +112,7 @@ def test_other_models_and_callbacks_are_left_alone(quiet_ur10e):
     assert np.all(data.qfrc_passive == 0)
     with pytest.raises(ConfigError, match="calib_effects"):
         calib.mujoco.read(plain, data)
-    assert compiled("<mujoco/>", quiet_ur10e.model_path.parent).nv == 0  # in spite of the callback
+    assert compiled("<mujoco/>", quiet_ur10e.model_path.parent).nv == 0  # although the callback is installed
 
 
 def test_a_model_that_export_did_not_write_is_refused(tmp_path, quiet_ur10e):
@@ -128,7 +128,7 @@ def test_a_model_that_export_did_not_write_is_refused(tmp_path, quiet_ur10e):
 
 
 def test_a_soft_joint_collides_with_nothing_new(quiet_ur10e):
-    """The rotor's body stands between a link and what carries it; MuJoCo must not take their contact for real."""
+    """The motor-side body lies between a link and the body that carries it. MuJoCo must not report contacts with it."""
     soft = with_effect(quiet_ur10e, ArmEffect("joint_elasticity", "elbow_joint", {"stiffness": 5000.0}))
     q = np.array([0.2, -1.6, 1.0, -1.3, -1.2, 0.3])
 

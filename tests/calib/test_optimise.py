@@ -1,4 +1,4 @@
-"""The optimiser: its gradient is the slope of its value, its motions fit, and none is worse than where it began."""
+"""The optimiser: its gradient is the slope of its value, its motions fit the limits, and none is worse than its start."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ HOME = np.array([0.173, -1.69, 0.605, -1.521, -1.485, -0.367])
 
 
 def boxed(arm: Arm) -> Cell:
-    """A cell with a turned box that motions about HOME run into."""
+    """A cell with a rotated box that motions about HOME run into."""
     cell = open_cell(arm)
     box = {"kind": "box", "name": "crate", "position": [0.5, 0.3, 0.3], "rpy": [0.2, 0.1, 0.6], "size": [0.4, 0.5, 0.6]}
     table = cell.table.model_dump(by_alias=True) | {"obstacles": [*cell.table.model_dump()["obstacles"], box]}
@@ -63,7 +63,7 @@ def test_the_distance_of_a_box_is_signed() -> None:
 def test_the_gradient_is_the_slope_of_the_value(name: str) -> None:
     arm = load_arm(name)
     model = TorqueModel.of_arm(arm)
-    # large enough that every limit, the clearance and the condition number are passed and take part
+    # large enough to exceed every limit, the clearance and the cap on the condition number, so that all of them contribute
     motion = random_fourier(Basis(5, 10.0), HOME, np.random.default_rng(0)).scaled(1.2)
     objective = Objective(Room(arm, open_cell(arm)), model, noise_of(model), motion, samples=40, fine=True)
     _, gradient = objective(motion.x)
@@ -146,7 +146,7 @@ def test_the_gap_of_a_mixture_bounds_every_member_and_closes_at_the_optimum() ->
     before = np.linalg.slogdet(
         np.outer(rows[0], rows[0]) / 3 + np.outer(rows[1], rows[1]) / 3 + np.outer(rows[2], rows[2]) / 3
     )[1]
-    for _ in range(4):  # the directions that add most, among all of the interval
+    for _ in range(4):  # the directions that add most, over the whole interval
         x = max(np.linspace(-1, 1, 41), key=lambda x: float((r := np.array([1.0, x, x**2])) @ mixture.slope @ r))
         mixture.add([np.outer(r := np.array([1.0, x, x**2]), r)])
     best = np.log(4 / 27)  # thirds at -1, 0 and 1
@@ -161,12 +161,12 @@ def test_the_next_motion_determines_what_the_first_left_open(tmp_path: Path) -> 
     known[unknown] = 1e4
     Known(np.diag(known), np.ones(6), "a first recording").write(tmp_path / "arm", MODEL)
     again = load_arm(str(tmp_path / "arm"))
-    # small motions pass no limit, so that the value is that of the information alone
+    # small motions exceed no limit, so the value is that of the information alone
     motions = [random_fourier(Basis(4, 10.0), HOME, np.random.default_rng(seed)).scaled(0.1) for seed in range(6)]
     first, second = (
         Objective(Room(a, CELL), TorqueModel.of_arm(a), noise_of(MODEL), motions[0], 40, capped=False) for a in (ARM, again)
     )
-    open_ones = [*unknown, *range(MODEL.p, second.p)]  # no recording has looked at candidates
+    open_ones = [*unknown, *range(MODEL.p, second.p)]  # no recording has determined the candidates
 
     def left(x: np.ndarray) -> float:
         whole = np.linalg.inv(second.information(x) + second.prior)

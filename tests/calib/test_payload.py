@@ -1,4 +1,4 @@
-"""A load at the flange, from logs with it and without it; with a known mass, the torque constants."""
+"""A load at the flange, from logs with and without it; with a known mass, also the torque constants."""
 
 from __future__ import annotations
 

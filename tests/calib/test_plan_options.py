@@ -1,4 +1,4 @@
-"""The options of `calib plan`: what is given holds, and what is not comes from --quick or its absence."""
+"""Options of `calib plan`: stated values hold, and the others follow from --quick or its absence."""
 
 from __future__ import annotations
 

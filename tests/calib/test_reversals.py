@@ -1,4 +1,4 @@
-"""Rows about a change of direction are left out of the fit, and reported where they had to stay."""
+"""Rows around a change of direction are left out of the fit, and are reported if they had to stay."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def test_rows_about_a_reversal_are_found(ur5e: Arm) -> None:
 
 
 def test_sticking_does_not_bias_friction(ur5e: Arm) -> None:
-    # the mock's joints stick at every reversal until the drive has built up torque; with those rows coulomb_6 is off by six deviations
+    # The mock's joints stick at every reversal until the drive has built up torque. With those rows coulomb_6 is off by 6 std.
     truth = varied(ur5e, 100)
     logs = [recorded_on_mock(truth, ur5e, fitting_motion(ur5e, seed, 12.0), seed) for seed in (1, 2)]
     found = identify(ur5e, logs)

@@ -1,4 +1,4 @@
-"""The planner's room: bodies themselves where the capsules around them are too near, and postures that the torque limits hold."""
+"""The planner's room: exact distances where capsules come too near, and postures that the torque limits hold."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ HOME = np.array([0.0, -1.4, 1.3, -1.4, -1.2, 0.3])
 
 
 def plated() -> Arm:
-    """A UR10e with a thin plate on its fore-arm, and one on its last link: what capsules hold badly."""
+    """A UR10e with a thin plate on its forearm and one on its last link, which capsules represent badly."""
     arm = load_arm("ur10e")
     plates = [
         Shape(link, f"plate_{link}", "box", (0.2 if link == 2 else 0.06, 0.06, 0.004), np.eye(3), np.array(place))
@@ -55,7 +55,7 @@ def test_bodies_are_measured_where_their_capsules_are_too_near(room: Room) -> No
         assert own[near] == pytest.approx(exact[near, column[pair]], abs=1e-9)
         assert own[~near] == pytest.approx(capsules[~near, k], abs=1e-12)
         seen += int((near & (own >= CLEARANCE_MARGIN)).sum())
-    assert seen > 20  # postures that are free, and that the capsules would not have given
+    assert seen > 20  # free postures that the capsules would have rejected
 
 
 def test_the_nearest_agrees_with_all_clearances_whether_a_way_is_free(room: Room) -> None:
@@ -73,7 +73,7 @@ def test_the_nearest_agrees_with_all_clearances_whether_a_way_is_free(room: Room
 
 
 def test_no_clearance_of_cylinders_is_larger_than_that_of_the_bodies() -> None:
-    """A capsule of a cylinder's own length has no rim: a start of a published arm looked free by 1.4 mm that it did not have."""
+    """A capsule of a cylinder's length leaves out its rim. A published arm's start once had 1.4 mm less room than it seemed."""
     arm = load_arm("ur10e")
     along = np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]])
     cylinders = [
@@ -120,7 +120,7 @@ def test_where_torque_holds_the_arm_in_few_postures_it_is_named_beside_what_is_n
 
 @pytest.mark.parametrize(("name", "helps"), [("torque", False), ("point speed", True)])
 def test_a_longer_period_is_advised_only_where_the_path_then_fits(name: str, helps: bool) -> None:
-    """A stop takes torque at any speed; the speed of a point does not."""
+    """A stop takes torque at any speed. The speed of a point falls with a longer period."""
     arm = load_arm("ur10e")
     home, basis, cell = np.array([0.0, -1.9, 1.9, -1.4, -1.2, 0.3]), Basis(6, 20.0), open_cell(arm)
     if name == "torque":
@@ -159,7 +159,7 @@ def test_sweeps_are_gentler_where_they_are_refused(monkeypatch: pytest.MonkeyPat
 
 
 def test_a_joint_of_small_range_is_swept_through_less(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A lift of 0.35 m need not have 0.12 m to either side."""
+    """A linear axis of 0.35 m may not have 0.12 m to either side."""
     arm = load_arm("ur10e")
     q_min, q_max = arm.q_min.copy(), arm.q_max.copy()
     q_min[5], q_max[5] = HOME[5] - 0.1, HOME[5] + 0.25

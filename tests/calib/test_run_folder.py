@@ -1,4 +1,4 @@
-"""A run's folder states what was requested and how it ended, and never overwrites anything that is not a run."""
+"""A run's folder states what was requested and how it ended, and nothing overwrites a run or any other folder."""
 
 import json
 import os
@@ -143,7 +143,7 @@ def test_a_cell_serves_one_program_at_a_time(tmp_path: Path) -> None:
         INVOCATION.set(second)
         with pytest.raises(DeviceError, match=rf"another program is using it \(PID {os.getpid()}\)"):
             lock_cell(real)
-        replacement = tmp_path / "edited"  # as editors write a file
+        replacement = tmp_path / "edited"  # the way editors save a file
         replacement.write_bytes(file.read_bytes())
         replacement.replace(file)
         with pytest.raises(DeviceError, match="support the arm, then kill -INT"):

@@ -1,4 +1,4 @@
-"""`calib runs` lists, shows and repeats; `calib effects` is the catalogue."""
+"""`calib runs` lists, shows and repeats runs; `calib effects` shows the catalogue."""
 
 import json
 import re

@@ -1,4 +1,4 @@
-"""The command servo over emulated drives, as the operator types it."""
+"""The command `servo` on emulated drives, as an operator types it."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ LOST = 0xD
 
 @pytest.fixture
 def there(tmp_path: Path) -> Iterator[tuple[str, CanEmulator]]:
-    """A cell file on a bus in memory, and its emulated drives."""
+    """A cell file for a bus in memory, and its emulated drives."""
     text = (shipped_configs() / "cells" / "emulated-servo6.toml").read_text()
     text = text.replace('interface = "slcan"', 'interface = "virtual"')
     path = tmp_path / "there.toml"
@@ -85,7 +85,7 @@ def test_an_arm_without_servo_drives_is_exit_code_2(capsys: pytest.CaptureFixtur
 
 
 def bus_of(path: str) -> list[str]:
-    """The options of `calib servo scan` for the bus of a cell file."""
+    """Options of `calib servo scan` for the bus of a cell file."""
     options = load_cell(path).table.options
     return ["--interface", options["interface"], "--channel", options["channel"]]
 

@@ -1,4 +1,4 @@
-"""Verdicts and their exit codes: stated limits, joint by joint."""
+"""Verdicts and their exit codes from stated limits, joint by joint."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Processes beside one another, also from a script that does not guard its entry point."""
+"""Parallel processes, also from a script that does not guard its entry point."""
 
 from __future__ import annotations
 

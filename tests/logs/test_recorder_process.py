@@ -2,6 +2,7 @@
 
 import errno
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -182,6 +183,9 @@ def test_a_kill_loses_nothing_that_was_handed_over(tmp_path, victims):
     ) as parent:
         recorder = int(parent.stdout.readline())
         assert parent.stdout.readline() == "400\n"
+        ring = re.search(rb"arm-calib-[0-9a-f]{32}", path.read_bytes())
+        assert ring is not None
+        assert Path("/dev/shm", ring[0].decode()).exists()
         if victims != "control":
             os.kill(recorder, signal.SIGKILL)
         if victims == "recorder":
@@ -201,7 +205,7 @@ def test_a_kill_loses_nothing_that_was_handed_over(tmp_path, victims):
     np.testing.assert_allclose(log.t, 0.002 * np.arange(handed_over), atol=1e-9)
     np.testing.assert_allclose(log.t_host, log.t, atol=1e-9)
     assert log.metadata["end_reason"].endswith(f"{handed_over:,} samples, at most 1 lost")
-    assert not list(Path("/dev/shm").glob(f"{log.metadata.get('ring', 'none')}*"))
+    assert not Path("/dev/shm", ring[0].decode()).exists()
     assert read_log(path).metadata["end_reason"] == log.metadata["end_reason"]
 
 

@@ -92,7 +92,7 @@ def test_a_single_step_back_is_refused():
 
 def test_gaps_duplicates_and_skew_are_reported():
     device, host = clocks(skew=-300e-6)
-    keep = np.r_[0:1000, 1005:1005, 1020:20_000]
+    keep = np.r_[0:1000, 1020:20_000]
     device, host = device[keep], host[keep]
     device[5000] = device[4999]
     _, findings = checked(device, host)

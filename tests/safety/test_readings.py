@@ -57,14 +57,11 @@ def stream(arm: Arm, seconds: float, seed: int = 0, lag: float = 0.0, speed: flo
     return out
 
 
-def found(
-    arm: Arm, cell: Cell, clearance: Clearance, states: list[JointState], expect: bool = True
-) -> tuple[str, float] | None:
+def found(arm: Arm, cell: Cell, clearance: Clearance, states: list[JointState]) -> tuple[str, float] | None:
     """Quantity and instant of the first trip."""
     watching = Readings(arm, cell, clearance, states[0])
     for state in states[1:]:
-        hat = 40 * np.sin(HOME + 0.0 * state.q) if not expect else 40 * np.sin(state.q)
-        trip = watching.check(state, hat, np.full(6, 1.0))
+        trip = watching.check(state, 40 * np.sin(state.q), np.full(6, 1.0))
         if trip is not None:
             return trip.quantity, state.t_device
     return None

@@ -109,11 +109,17 @@ def test_points_in_a_plane_that_is_not_level_are_refused() -> None:
 @pytest.mark.parametrize("kind", ["sphere", "cylinder", "box", "mesh"])
 def test_every_kind_of_shape_has_its_distance(arm: Arm, cell: Cell, kind: str) -> None:
     vertices = np.array([[x, y, z] for x in (-0.1, 0.1) for y in (-0.1, 0.1) for z in (-0.1, 0.1)])
+    around = np.array([[np.cos(a), np.sin(a)] for a in np.linspace(0, 2 * np.pi, 24)])
+    surface = {
+        "sphere": 0.1 * np.vstack([np.eye(3), -np.eye(3)]),
+        "cylinder": 0.1 * np.array([[x, y, z] for x, y in around for z in (-1, 1)]),
+    }.get(kind, vertices)
     size = {"sphere": (0.1, 0, 0), "cylinder": (0.1, 0.1, 0), "box": (0.1, 0.1, 0.1), "mesh": (0.1, 0.1, 0.1)}[kind]
     changed = with_shape(arm, kind=kind, size=size, vertices=vertices)
     shape: Shape = changed.tree.shapes[1]
     points, radius = spine(shape)
-    assert np.all(np.linalg.norm(vertices - 0, axis=1) <= np.linalg.norm(points - shape.position, axis=1).max() + radius + 0.1)
+    away = surface @ shape.rotation.T + shape.position - points[:, None]
+    np.testing.assert_array_less(np.linalg.norm(away, axis=2).min(axis=0), radius + 1e-9)
     clearance = Clearance(changed, cell)
     assert np.all(np.isfinite(clearance.distances(HOME)))
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from sim.arm import ArmEffect, load_arm
-from sim.arm_folder import arm_toml_text, write_arm, write_atomically
+from sim.arm_folder import write_arm, write_atomically
 from sim.errors import ConfigError
 from sim.required import require_limits
 from sim.rigid_body import RigidBody
@@ -236,4 +236,3 @@ def test_text_of_arm_toml_escapes_what_looks_like_rows(tmp_path):
     odd = replace(arm, provenance={"a": "[\n  1.0,\n]", "b": 'quote " and \\ back'})
     out = write_arm(tmp_path / "out", odd)
     assert out.provenance == odd.provenance
-    assert arm_toml_text.__doc__

@@ -1,4 +1,4 @@
-"""Recordings of an arm whose friction has another form than the catalogue's, with something hidden by formula."""
+"""Recordings of an arm whose friction law differs from the catalogue's, with an optional hidden torque."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from sim.rigid_body import RigidBody
 from sim.trajectory import Trajectory
 
 Hidden = Callable[[Trajectory, np.ndarray], np.ndarray]
-NOISE = 0.02  # of a joint's largest torque
+NOISE = 0.02  # relative to a joint's largest torque
 
 
 @pytest.fixture(scope="session")
@@ -23,7 +23,10 @@ def ur10e() -> Arm:
 
 
 def torque(arm: Arm, motion: Trajectory) -> np.ndarray:
-    """Inverse dynamics, rotor, viscous friction, and dry friction as a function of speed alone: a form that the catalogue has not."""
+    """Inverse dynamics, reflected inertia, viscous friction, and dry friction that depends on speed alone.
+
+    The catalogue does not have this form of dry friction.
+    """
     tau = RigidBody(arm).inverse_dynamics(motion.q, motion.dq, motion.ddq)
     for j, joint in enumerate(arm.joint_names):
         speed, push = motion.dq[:, j], motion.ddq[:, j]
@@ -41,7 +44,7 @@ def torque(arm: Arm, motion: Trajectory) -> np.ndarray:
 def recording(
     arm: Arm, seed: int, hidden: Hidden | None = None, truth: Arm | None = None, seconds: float = 16.0, only: int | None = None
 ) -> Log:
-    """What would be recorded: `truth` moves (or `only` one joint of it), `hidden` adds torque (N, n), the noise is an AR(1) process."""
+    """Recording of `truth` in motion (or `only` one of its joints) with AR(1) noise; `hidden` adds a torque (N, n)."""
     motion = fourier_motion(arm, seed, seconds, 125.0)
     if only is not None:
         moves = np.arange(motion.n) == only
@@ -63,7 +66,7 @@ def recording(
 
 
 def at(joint: int, column: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> Hidden:
-    """A torque at one joint as a function of its position and speed."""
+    """A torque at one joint that depends on its position and speed."""
 
     def hidden(motion: Trajectory, tau: np.ndarray) -> np.ndarray:
         out = np.zeros_like(tau)

@@ -1,4 +1,4 @@
-"""How much evidence a name needs: of its own recordings, beside other names and where held-out recordings speak against it."""
+"""Evidence that an effect needs to be named: on its own, beside other effects and against held-out recordings."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def test_weak_evidence_is_no_name() -> None:
 
 
 def test_an_effect_beside_one_with_an_exact_law_is_not_measured_by_it() -> None:
-    """A constant offset leaves nothing that a second effect could owe to its form; friction does."""
+    """A constant offset has an exact law, so no second effect can come from its form. Friction has no exact law."""
     pairs = [("torque_offset", "a"), ("viscous_friction", "a"), ("encoder_offset", "a"), ("stribeck_friction", "b")]
     accepted = [ArmEffect(effect, joint, {}) for effect, joint in pairs]
     assert strongest_beside(accepted, [900.0, 50.0, 30.0, 80.0], ("a", "b")) == [50.0, 0.0, 50.0, 0.0]
@@ -42,15 +42,15 @@ def test_a_joint_with_a_stronger_effect_of_another_form_says_nothing_of_the_whol
     accepted = [ArmEffect(effect, joint, {}) for effect, joint in pairs]
     lost = [200.0, 500.0, 900.0, 100.0, 150.0]
     silent = [joints_of_other_form(accepted, lost, i, ("a", "b")).tolist() for i in range(len(accepted))]
-    # the offset's law is exact, Stribeck friction is weaker than the delay, and a link's own joint is asked by `strongest_beside`
+    # The offset's law is exact, and Stribeck friction is weaker than the delay. `strongest_beside` covers a link's own joint.
     assert silent == [[True, False], [False, False], [False, False], [False, True], [False, False]]
 
 
 def test_friction_and_rotors_need_less_beyond_their_price() -> None:
-    """How far they may be off is stated, and counts by itself."""
+    """Their spread is stated, so the size of a deviation is evidence in itself."""
     item = ArmEffect("rotor_inertia", "elbow_joint", {"inertia": 2.0})
     assert Assessed(item, price(item) + LEAST_STATED - 1.0, (), 0.0).doubtful
-    assert Assessed(item, price(item) + LEAST_STATED - 1.0, (), 20.0).doubtful  # held-out recordings alone prove no name
+    assert Assessed(item, price(item) + LEAST_STATED - 1.0, (), 20.0).doubtful  # held-out recordings alone are not enough
     assert not Assessed(item, price(item) + LEAST_STATED + 1.0, (), 0.0).doubtful
     assert LEAST_STATED < LEAST
 

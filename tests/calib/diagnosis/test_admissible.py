@@ -1,4 +1,4 @@
-"""What is no effect of an arm, however well it fits: half a wave in a turn, a contact without an end, a rise that is noise."""
+"""Fits that are rejected however good they are: half a wave per turn, a contact without an end, a rise within the noise."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ def test_a_contact_begins_and_ends_in_its_recording(clean: Fit, start: float, wi
 
 
 def test_a_contact_stays_in_its_recording_when_others_are_left_out(clean: Fit, ur10e: Arm) -> None:
-    """Without the recording that it happened in, its force would be fitted to nothing."""
+    """Without the recording in which it happened, nothing would determine its force."""
     fitted = [m.measurement for m in clean.models]
     spring = ArmEffect("joint_spring", "elbow_joint", {"stiffness": 5.0, "rest_angle": 0.4})
     both = add(fitted, add(fitted, clean, Scored(push(7.0), 50.0, 5, 1)), Scored(spring, 50.0, 2))
@@ -138,7 +138,7 @@ def test_the_standard_error_counts_correlation() -> None:
 
 @pytest.mark.parametrize(("cycles", "fitted"), [(1.0, False), (14.0, False), (2.2, True), (15.0, True), (101.0, True)])
 def test_whole_cycles_of_a_turn_are_chosen_and_not_fitted(cycles: float, fitted: bool) -> None:
-    """Over a short range a fit would move them anywhere; of a shaft before the gear they need not be whole."""
+    """Over a short range a fit could move them anywhere. A shaft before the gear may have a fractional number of cycles."""
     ripple = ArmEffect("torque_ripple", "elbow_joint", {"amplitude": 1.0, "cycles": cycles, "phase": 0.3})
     assert ("cycles" in {p.name for _, p in parameters_of([ripple])}) == fitted
     assert price(ripple) == price(replace(ripple, parameters=dict(ripple.parameters) | {"cycles": 2.2}))
@@ -183,7 +183,7 @@ def test_a_coupled_transmission_shows_at_both_joints(ur10e: Arm, both: bool) -> 
 
 
 def test_a_joint_whose_share_of_a_coupling_is_too_small_to_be_seen_decides_nothing(ur10e: Arm) -> None:
-    """Of the shoulder's torque, whose noise is many times as large, a weak coupling changes what noise may hide."""
+    """The noise of the shoulder's torque is many times as large as the share of a weak coupling."""
     rng = np.random.default_rng(0)
 
     def drag(motion: Trajectory, tau: np.ndarray) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Values kept by key, within a number of bytes: the least recently used is computed again, and nothing else."""
+"""Caches hold values within a number of bytes: only the least recently used values are computed again."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ ARRAY = np.zeros(10)  # 80 bytes
 
 
 class Counted:
-    """A computation that counts how often it was asked for."""
+    """Counts how often each value is computed."""
 
     def __init__(self) -> None:
         self.times: dict[str, int] = {}
@@ -58,7 +58,7 @@ def test_caches_share_the_bytes() -> None:
     first, second = ArrayCache(budget), ArrayCache(budget)
     for cache, key in ((first, "a"), (second, "b"), (first, "a"), (second, "c"), (first, "a"), (second, "b")):
         counted.of(cache, key)
-    assert counted.times == {"a": 1, "b": 2, "c": 1}  # what one cache used last stays, whatever the other has
+    assert counted.times == {"a": 1, "b": 2, "c": 1}  # the order of use counts across both caches
 
 
 def test_a_cache_that_is_gone_makes_room() -> None:

@@ -1,4 +1,4 @@
-"""Every number that a refit moves in the corrected arm is listed, as far as it moves there."""
+"""A diagnosis lists every parameter that the refit changes in the corrected arm, with the value that is written."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a candidate promises is what it does: for small values its columns are the change of the predicted torque."""
+"""For small values the columns of a candidate are the change of the predicted torque."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from sim.arm import Arm, ArmEffect
 from sim.effects import EFFECTS
 from tests.calib.diagnosis.conftest import recording
 
-# effects without a small value: a stiff spring behind a joint, bristles, a limit, a spring that pushes, an event, a gap, a memory of temperature
+# Effects without a small value: a stiff joint, bristles, a limit, a spring's rest angle, an event, a gap, a memory of heat.
 WITHOUT = {
     "joint_elasticity", "presliding_friction", "torque_saturation", "joint_spring", "external_contact", "backlash", "thermal_friction",
 }  # fmt: skip
@@ -32,7 +32,7 @@ def model(ur10e: Arm) -> LogModel:
 
 @pytest.mark.parametrize("effect", [e.name for e in EFFECTS if e.name not in WITHOUT])
 def test_the_columns_of_a_candidate_are_the_slope_of_its_law(model: LogModel, effect: str) -> None:
-    rng, m, seen = np.random.default_rng(0), model.measurement, set()
+    rng, m, seen, compared = np.random.default_rng(0), model.measurement, set(), 0
     for c in candidates([model]):
         (columns,) = c.columns
         width = next(iter(columns.values())).shape[1]
@@ -40,7 +40,7 @@ def test_the_columns_of_a_candidate_are_the_slope_of_its_law(model: LogModel, ef
             continue
         seen.add((c.joint, width))
         small = SMALL * rng.uniform(0.5, 1.0, width) * np.array(c.spread or 1.0)
-        # a column may stand for what the law leaves open, such as the moments of a link whose mass is another
+        # A column without a parameter, such as the moments of a link whose mass changes, is set to zero.
         small *= [c.combine(small) != c.combine(np.where(np.arange(width) == k, 2 * small, small)) for k in range(width)]
         item = ArmEffect(effect, c.joint, {name: float(x) for name, x in c.combine(small).items()})
         with_it = LogModel(m, model.hypothesis.with_effects((item,)), like=model)
@@ -49,15 +49,16 @@ def test_the_columns_of_a_candidate_are_the_slope_of_its_law(model: LogModel, ef
         for j, x in columns.items():
             promised[:, j] = np.where(m.row_usable[:, j], x @ small, 0.0)
         size = float(np.linalg.norm(exact))
-        if size < 1e-6 * np.linalg.norm(m.tau):  # such as the angle of a vertical axis, which shows in no torque
+        if size < 1e-8 * np.linalg.norm(m.tau):  # for example the angle of a vertical axis, which changes no torque
             continue
         assert float(np.sum(exact * promised)) > ALIKE * size * np.linalg.norm(promised), (effect, c.joint)
         assert np.linalg.norm(promised) == pytest.approx(size, rel=SIZE), (effect, c.joint)
-    assert seen
+        compared += 1
+    assert compared
 
 
 def test_columns_that_nobody_asks_for_are_not_computed(ur10e: Arm, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Beside another fit the products of most candidates are known, and those of accepted effects are skipped."""
+    """Columns are computed on first use: most products are known from another fit, and accepted effects are skipped."""
     model = LogModel(measured(recording(ur10e, 1, seconds=6.0), ur10e), Hypothesis.nominal(ur10e))
     computed, asked = LogModel.torque_with, set[str]()
 
@@ -73,7 +74,7 @@ def test_columns_that_nobody_asks_for_are_not_computed(ur10e: Arm, monkeypatch: 
 
 
 def test_a_link_is_found_whether_its_moments_follow_its_mass_or_not(ur10e: Arm) -> None:
-    """Half of the elbow's link is gone. With moments that had to follow, the mass was off by up to 2.6 standard deviations here."""
+    """Half of the elbow's link is missing. When the moments had to follow the mass, the mass was off by up to 2.6 std here."""
     tree, elbow = ur10e.tree, ur10e.joint_index("elbow_joint")
     for follow in (0.5, 1.0, 2.0):
         mass, inertia = tree.mass.copy(), tree.inertia.copy()

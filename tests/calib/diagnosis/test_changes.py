@@ -1,4 +1,4 @@
-"""What has changed since healthy recordings, on an arm whose friction has another form than the catalogue's and which the model does not fit."""
+"""Changes since healthy recordings of an arm that the model does not fit: its friction law differs from the catalogue's."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ DROP, SLOWLY = 0.4, 300.0  # share of the friction, s
 
 
 def always(motion: Trajectory, tau: np.ndarray) -> np.ndarray:
-    """What this arm has had from the start and its model has not: load-dependent friction and a spring."""
+    """Effects that this arm has had from the start and its model has not: load-dependent friction and a spring."""
     out = np.zeros_like(tau)
     out[:, ELBOW] = 0.15 * np.abs(tau[:, ELBOW]) * np.tanh(motion.dq[:, ELBOW] / 4e-3) + 20.0 * (motion.q[:, ELBOW] - 0.4)
     return out
@@ -123,7 +123,10 @@ def test_an_arm_that_holds_the_change_already_is_not_given_it_again(ur10e: Arm, 
 
 
 def warm(arm: Arm, seed: int, celsius: np.ndarray) -> Log:
-    """`recording` with an offset at the wrist and an elbow whose friction falls with the temperature by up to DROP between 20 and 40 degC."""
+    """`recording` with warm friction at the elbow and, for seeds above 10, an offset at the wrist.
+
+    The elbow's friction falls with temperature by up to DROP between 20 and 40 degC.
+    """
 
     def hidden(motion: Trajectory, tau: np.ndarray) -> np.ndarray:
         share = np.expm1(-WARM_TIME / SLOWLY * (celsius - 20.0) / 20.0) / np.expm1(-WARM_TIME / SLOWLY)

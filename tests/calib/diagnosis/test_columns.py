@@ -1,4 +1,4 @@
-"""A joint's rows hold the columns of the numbers that can move it, and only these."""
+"""A joint's rows hold the columns of exactly those parameters that can change its torque."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ SPRING = ArmEffect("joint_spring", "elbow_joint", {"stiffness": 12.0, "rest_angl
 
 @pytest.fixture(scope="module")
 def fitted(ur10e: Arm) -> Fit:
-    """Two recordings of an arm with a spring, which the fit has."""
+    """A fit with a spring to two recordings of an arm that has this spring."""
     logs = [recording(ur10e, seed, at(ELBOW, lambda q, dq: 12.0 * (q - 0.4))) for seed in (1, 2)]
     return fit(warmed([measured(log, ur10e) for log in logs]), Hypothesis.nominal(ur10e).with_effects((SPRING,)))
 
@@ -61,7 +61,7 @@ def test_columns_among_all_predict_and_multiply_as_a_joint_s_own(fitted: Fit, j:
     s = np.random.default_rng(j).standard_normal((len(white), 2))
     np.testing.assert_allclose(white.T @ s, solved.products(j, s), atol=1e-9)
     np.testing.assert_allclose(solved.rw[j] - white @ solved.theta, solved.left()[j], atol=1e-9)
-    # the accepted parameter's column stands behind those of the arm's numbers
+    # the accepted parameter's column comes after those of the arm's own parameters
     assert joint.rows.used(j).tolist() == [*rows.used(j).tolist(), *range(rows.p, len(joint.theta))]
     assert joint.products(j, s).shape == (len(joint.theta), 2)
 

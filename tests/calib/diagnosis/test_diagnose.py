@@ -1,4 +1,4 @@
-"""What is hidden is named, what is not hidden is not, and what has no name is said to have none."""
+"""A hidden effect is named, nothing is named where none is hidden, and structure without a name is reported as unexplained."""
 
 from __future__ import annotations
 
@@ -125,13 +125,13 @@ def test_what_is_most_of_a_joints_structure_is_named_beside_what_has_no_name(ur1
 
 
 def test_what_the_model_lacks_is_no_noise(ur10e: Arm) -> None:
-    """A strong spring that is not in the model leaves many times the noise, and the noise found is still the recording's own."""
+    """A strong spring outside the model leaves many times the noise. The noise estimate must still be the recording's own."""
     shares = []
     for hidden in (None, at(ELBOW, lambda q, dq: 40.0 * (q - 0.4))):
         logs = [recording(ur10e, seed, hidden) for seed in (1, 2)]
         f = selection.started(warmed([measured(log, ur10e) for log in logs]), Hypothesis.nominal(ur10e))
         left = float(np.sqrt(np.mean(f.solved.residuals()[ELBOW] ** 2)))
-        # these recordings are made with noise in proportion to the joint's largest torque
+        # the noise of these recordings is proportional to the joint's largest torque
         largest = max(float(np.abs(log.tau[:, ELBOW]).max()) for log in logs)
         shares.append((f.solved.noise.sigma[ELBOW] / largest, left / largest))
     (clean, _), (springy, left) = shares
@@ -140,7 +140,7 @@ def test_what_the_model_lacks_is_no_noise(ur10e: Arm) -> None:
 
 
 def test_a_recording_too_short_to_measure_noise_has_no_floor(ur10e: Arm, tmp_path: Path) -> None:
-    """With fewer rows than what measures noise takes beside the ordinary parameters, the arm's own error would be the floor."""
+    """With too few rows for a noise model beside the ordinary parameters, the floor would contain the arm's own error."""
     log = recording(ur10e, 1, seconds=6.0)
     found = diagnose(ur10e, [log])
     assert found.answer["gap"]["noise_floor"] == []
@@ -186,7 +186,7 @@ def test_a_wrong_sign_or_unit_is_a_fault_of_the_recording(ur10e: Arm, factor: fl
     wrong = [replace(log, tau=log.tau * np.where(np.arange(6) == 1, factor, 1.0)) for log in logs]
     found = diagnose(ur10e, wrong)
     assert found.answer["verdict"] == "bad_data"
-    assert found.answer["arm_out"] is None  # an arm beside it would be taken for a corrected one
+    assert found.answer["arm_out"] is None  # an arm folder beside it would be mistaken for a corrected arm
     assert [c["check"] for c in found.answer["data_checks"] if not c["ok"]] == [check]
     assert found.answer["effects"] == []
 

@@ -1,4 +1,4 @@
-"""Every effect of the catalogue, hidden in short recordings of an arm with friction of another form, is the first that the search adds."""
+"""Every effect of the catalogue is found first by the search when hidden in short recordings with another friction law."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from sim.trajectory import Trajectory
 from tests.calib.diagnosis.conftest import Hidden, recording
 
 JOINT = "elbow_joint"
-# What is hidden, large enough to be seen in half a minute at ten times the torque noise of a good drive.
+# Hidden values, large enough to show in half a minute at ten times the torque noise of a good drive.
 HIDDEN = {
     "coulomb_friction": {"coulomb": 14.0},
     "viscous_friction": {"viscous": 16.0},
@@ -52,7 +52,7 @@ HIDDEN = {
 
 
 def hidden_by(arm: Arm, item: ArmEffect) -> Hidden:
-    """What the effect changes: of the reading, where it acts on the reading, else of the predicted torque."""
+    """Change that the effect makes: to the reading if it acts on the reading, otherwise to the predicted torque."""
     effect = effect_named(item.effect)
 
     def hidden(motion: Trajectory, tau: np.ndarray) -> np.ndarray:
@@ -68,7 +68,7 @@ def hidden_by(arm: Arm, item: ArmEffect) -> Hidden:
 
 @pytest.fixture(scope="module")
 def calibrated(ur10e: Arm) -> Arm:
-    """An arm whose friction and rotors were measured: an ordinary refit does not take up what is hidden."""
+    """An arm with measured friction and reflected inertia, so that an ordinary refit does not absorb the hidden effect."""
     return replace(ur10e, prior=ur10e.prior.model_copy(update={"coulomb": 0.04, "viscous": 0.04, "rotor": 0.04}))
 
 
@@ -78,7 +78,7 @@ def test_every_effect_has_a_case() -> None:
 
 @pytest.mark.parametrize("effect", HIDDEN)
 def test_an_effect_is_the_first_to_be_named(calibrated: Arm, effect: str) -> None:
-    """Or as good as the first: from one motion an offset and an asymmetry, say, are nearly the same."""
+    """Or it is within APART of the first: from one motion an offset and an asymmetry, for example, are nearly the same."""
     arm = calibrated
     item = ArmEffect(effect, JOINT if effect_named(effect).scope == "joint" else None, dict(HIDDEN[effect]))
     logs = [recording(arm, seed, None if effect == CONTACT and seed == 1 else hidden_by(arm, item)) for seed in (1, 2)]

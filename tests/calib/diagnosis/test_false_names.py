@@ -1,4 +1,4 @@
-"""The null distribution of the likelihood ratio is that of recordings without an effect."""
+"""The null distribution of the likelihood ratio matches recordings without an effect."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ OTHERS = range(11, 19)
 
 
 def begun(arm: Arm, seed: int) -> Fit:
-    """The fit of a recording of an arm whose masses, friction and reflected inertias are another draw about the nominal ones."""
+    """Fit to a recording of an arm whose masses, friction and reflected inertias are drawn around the nominal ones."""
     logs = warmed([measured(recording(arm, seed, truth=varied(arm, seed, 0.04)), arm)])
     return started(logs, Hypothesis.nominal(arm))
 
@@ -32,16 +32,16 @@ def null(ur10e: Arm) -> NullDistribution:
 
 
 def test_one_linear_parameter_brings_a_chi_square_of_one(null: NullDistribution, ur10e: Arm) -> None:
-    """Its mean over draws is 1, although the fit has taken nearly all of what it could bring."""
+    """The mean over draws is 1, although the fit has absorbed nearly all of the gain."""
     for joint in ur10e.joint_names:
         assert null.gains["viscous_friction", joint].mean() == pytest.approx(1.0, abs=0.15)
 
 
 def test_other_recordings_without_an_effect_fall_where_it_says(null: NullDistribution, ur10e: Arm) -> None:
-    """Of eight other motions and other noise: none beyond 1 in 100, and not all on one side of its middle."""
+    """Of eight other motions with other noise, none is beyond 1 in 100, and not all are on one side of the median."""
     chances = []
     for seed in OTHERS:
-        # these drives do not lead their reading by half a control period, which is ordinary elsewhere
+        # these drives have no lead of half a control period, which is ordinary elsewhere
         ranked = scored(begun(ur10e, seed), {("time_delay", None)}, ask_contact=False)
         chances.append(min(null.rate(s.key, s.gain) for s in ranked))
     assert min(chances) > MOST_FALSE
@@ -58,7 +58,7 @@ def test_the_rate_counts_the_draw_at_hand() -> None:
 
 
 def test_a_candidate_that_chance_feeds_hides_no_other() -> None:
-    """A delay that brings up to 100 without an effect: 25 of viscous friction are a name, 60 of the delay are none."""
+    """A delay gains up to 100 without an effect. Viscous friction with a gain of 25 is named, a delay with 60 is not."""
     fed, other = ("time_delay", None), ("viscous_friction", "elbow_joint")
     rng = np.random.default_rng(5)
     null = NullDistribution({fed: rng.uniform(0.0, 100.0, 999), other: rng.chisquare(1, 999)})

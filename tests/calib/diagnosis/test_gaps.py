@@ -1,4 +1,4 @@
-"""The true arm's own residual is noise where a joint slides, and more than noise over all rows; a hidden effect shows in both."""
+"""The true arm's residual is noise where a joint slides and exceeds noise over all rows; a hidden effect shows in both."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ def ur30() -> Arm:
 
 @pytest.fixture(scope="module")
 def motion(ur30: Arm) -> Trajectory:
-    """An arm of much dry friction beside its torque noise, at the rate of the demo."""
+    """A motion at the demo's sample rate, for an arm with much dry friction relative to its torque noise."""
     found = fitting_motion(ur30, 1090)
     every = round(2e-3 / (found.t[1] - found.t[0])) * 2
     return Trajectory(found.t[::every], found.q[::every], found.dq[::every], found.ddq[::every])
 
 
 def noise_alone(arm: Arm, m: Measurement) -> np.ndarray:
-    """(n,) N m RMS of the mock's torque noise after the filters of the fit."""
+    """RMS of the mock's torque noise after the filters of the fit, (n,) N m."""
     white = np.random.default_rng(5).standard_normal((4 * len(m.tau), arm.n))
     e, _ = lfilter([np.sqrt(1 - NOISE_MEMORY**2)], [1.0, -NOISE_MEMORY], white, axis=0, zi=np.zeros((1, arm.n)))
     log_rate = 2 * m.rate

@@ -1,4 +1,4 @@
-"""The ripple of a gear is found and fitted before any effect is looked for, and is no effect."""
+"""Gear ripple is found and fitted before the search for effects, and is not itself a named effect."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def test_a_ripple_is_found_with_its_cycles_and_size(ur10e: Arm, rippling: Fit) -
     sine, cosine = (ripple.size * f.solved.theta[names.index(f"ripple_{of}_{WRIST + 1}")] for of in ("sin", "cos"))
     assert ripple.cycles == pytest.approx(CYCLES, abs=0.3)
     assert np.hypot(sine, cosine) == pytest.approx(AMPLITUDE, rel=0.15)
-    # nothing that has a name explains what is no longer there
+    # no effect explains a ripple that is already fitted
     assert max(s.gain for s in scored(f, set()) if s.effect.joint == ur10e.joint_names[WRIST]) < 30
 
 

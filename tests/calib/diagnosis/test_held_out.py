@@ -1,4 +1,4 @@
-"""What counts on recordings kept apart: numbers that no arm folder holds only as far as is ordinary, and structure that both sides see."""
+"""Held-out recordings: warmth and delay count within their prior only, and structure must show on both sides."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from sim.arm import ArmEffect
 
 
 def test_warmth_and_delay_count_only_as_far_as_is_ordinary() -> None:
-    """A joint that loses a third of its friction (11 deviations) is an effect, and no rival of its own name."""
+    """A joint that loses a third of its friction (11 std) is an effect. The fit's own warming must not compete with it."""
     names = nuisance_names(2)
     theta = np.full(len(names), -11.0)
     theta[names.index("warmth_1")] = 11.0

@@ -1,4 +1,4 @@
-"""A drive that could not give more is distinguished from one that merely worked hard."""
+"""A drive at its torque limit is distinguished from one that only works hard."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ from tests.calib.diagnosis.conftest import at, recording
 ELBOW = 2
 
 
-def asked(arm: Arm, limit: float, behind: float, seed: int = 1, noise: float = 0.2) -> Log:
-    """A recording whose elbow gives no more than `limit` N m and falls `behind` rad behind its command while it gives that."""
+def at_limit(arm: Arm, limit: float, behind: float, seed: int = 1, noise: float = 0.2) -> Log:
+    """A recording whose elbow gives at most `limit` N m and lags its command by `behind` rad while at the limit."""
     log = recording(arm, seed)
     rng = np.random.default_rng(seed)
     t = log.t
@@ -34,7 +34,7 @@ def asked(arm: Arm, limit: float, behind: float, seed: int = 1, noise: float = 0
 
 
 def test_a_limit_is_found_with_its_level(ur10e: Arm) -> None:
-    (found,) = limits_reached(ur10e, [asked(ur10e, 50.0, 0.08)])
+    (found,) = limits_reached(ur10e, [at_limit(ur10e, 50.0, 0.08)])
     assert found.effect.effect == "torque_saturation"
     assert found.effect.joint == "elbow_joint"
     assert found.effect.parameters["limit"] == pytest.approx(50.0, rel=0.01)
@@ -43,31 +43,31 @@ def test_a_limit_is_found_with_its_level(ur10e: Arm) -> None:
 
 
 def test_a_level_that_another_recording_exceeds_is_no_limit(ur10e: Arm) -> None:
-    log = asked(ur10e, 50.0, 0.08)
-    assert limits_reached(ur10e, [log, asked(ur10e, 50.0, 0.08, seed=2)])
-    assert limits_reached(ur10e, [log, asked(ur10e, 65.0, 0.0, seed=2)]) == []
+    log = at_limit(ur10e, 50.0, 0.08)
+    assert limits_reached(ur10e, [log, at_limit(ur10e, 50.0, 0.08, seed=2)])
+    assert limits_reached(ur10e, [log, at_limit(ur10e, 65.0, 0.0, seed=2)]) == []
 
 
 def test_a_joint_that_stands_at_its_reversals_has_no_limit(ur10e: Arm) -> None:
-    """Dry friction holds it while its drive builds up torque: a following error of 263 times the usual was seen on a clean mock."""
-    assert limits_reached(ur10e, [asked(ur10e, 50.0, 0.04)]) == []
+    """Dry friction holds the joint while its torque builds up: a clean mock's following error was 263 times the usual."""
+    assert limits_reached(ur10e, [at_limit(ur10e, 50.0, 0.04)]) == []
 
 
 def test_noise_above_the_limit_hides_neither_it_nor_its_level(ur10e: Arm) -> None:
-    (found,) = limits_reached(ur10e, [asked(ur10e, 40.0, 0.08, noise=2.0)])
+    (found,) = limits_reached(ur10e, [at_limit(ur10e, 40.0, 0.08, noise=2.0)])
     assert found.effect.parameters["limit"] == pytest.approx(40.0, rel=0.02)
 
 
 def test_levels_that_spread_a_little_are_of_one_limit(ur10e: Arm) -> None:
-    """Noise and a drive's warmth move a limit by some per cent from one stand to the next."""
-    (found,) = limits_reached(ur10e, [asked(ur10e, 48.8, 0.08), asked(ur10e, 51.2, 0.08, seed=2)])
+    """Noise and the drive's temperature shift a limit by a few per cent between one time at it and the next."""
+    (found,) = limits_reached(ur10e, [at_limit(ur10e, 48.8, 0.08), at_limit(ur10e, 51.2, 0.08, seed=2)])
     assert 0.02 < found.std / found.effect.parameters["limit"] < 0.03
-    assert limits_reached(ur10e, [asked(ur10e, 47.5, 0.08), asked(ur10e, 52.5, 0.08, seed=2)]) == []
+    assert limits_reached(ur10e, [at_limit(ur10e, 47.5, 0.08), at_limit(ur10e, 52.5, 0.08, seed=2)]) == []
 
 
 def test_the_way_back_from_a_limit_is_no_usual_error(ur10e: Arm) -> None:
     """A joint that fell behind catches up for seconds after its torque has left the limit."""
-    log = asked(ur10e, 50.0, 0.08)
+    log = at_limit(ur10e, 50.0, 0.08)
     late = np.convolve(np.abs(log.q_cmd[:, ELBOW] - log.q[:, ELBOW]) > 0.05, np.ones(34), mode="full")[: len(log.t)] > 0
     assert 0.08 < (late & (np.abs(log.tau[:, ELBOW]) < 42.0)).mean() < 0.2
     q_cmd = log.q_cmd.copy()
@@ -77,8 +77,8 @@ def test_the_way_back_from_a_limit_is_no_usual_error(ur10e: Arm) -> None:
 
 
 def test_an_error_of_some_encoder_steps_is_no_lag(ur10e: Arm) -> None:
-    """A joint of coarse encoder that reads just what was commanded, but for some steps where its load and friction make the torque flat."""
-    log, step = asked(ur10e, 50.0, 0.0), 1.1e-4
+    """A joint with a coarse encoder lags by a few steps only, where its load and friction make the torque flat."""
+    log, step = at_limit(ur10e, 50.0, 0.0), 1.1e-4
     q = np.round(log.q / step) * step
     q_cmd = q.copy()
     q_cmd[:, ELBOW] += np.where(np.abs(log.tau[:, ELBOW]) > 49.0, 9 * step, 0.0)
@@ -110,18 +110,18 @@ def test_a_limit_beside_a_name_is_told_and_written_and_survives_a_long_recording
 
 
 def test_an_arm_that_follows_at_its_largest_torque_has_no_limit(ur10e: Arm) -> None:
-    assert limits_reached(ur10e, [asked(ur10e, 50.0, 1e-3)]) == []
+    assert limits_reached(ur10e, [at_limit(ur10e, 50.0, 1e-3)]) == []
 
 
 def test_an_arm_that_lags_without_a_level_has_no_limit(ur10e: Arm) -> None:
-    log = asked(ur10e, 1e9, 0.0)
+    log = at_limit(ur10e, 1e9, 0.0)
     q_cmd = log.q_cmd.copy()
     q_cmd[:, ELBOW] += 0.08 * (np.abs(log.tau[:, ELBOW]) > 50.0)
     assert limits_reached(ur10e, [replace(log, q_cmd=q_cmd)]) == []
 
 
 def test_a_limit_that_is_reached_once_is_found(ur10e: Arm) -> None:
-    log = asked(ur10e, 50.0, 0.08)
+    log = at_limit(ur10e, 50.0, 0.08)
     behind = np.abs(log.q_cmd[:, ELBOW] - log.q[:, ELBOW]) > 0.05
     began = np.flatnonzero(np.diff(behind.astype(int)) == 1)
     short = slice(0, int(began[1]) - 10)
@@ -134,9 +134,9 @@ def test_a_limit_that_is_reached_once_is_found(ur10e: Arm) -> None:
 
 
 def test_the_level_is_not_that_of_the_peaks_of_the_noise(ur10e: Arm) -> None:
-    """A low limit under slow noise: what lies near the largest torque is its peaks, 2 to 4 % too high."""
+    """A low limit under slow noise: the largest readings are noise peaks, 2 to 4 % too high."""
     for seed in (1, 2, 3):
-        log = asked(ur10e, 15.0, 0.2, seed=seed)
+        log = at_limit(ur10e, 15.0, 0.2, seed=seed)
         slow = gaussian_filter1d(np.random.default_rng(seed).standard_normal(len(log.t)), 8)
         tau = log.tau.copy()
         tau[:, ELBOW] += 0.6 * slow / slow.std()
@@ -145,13 +145,13 @@ def test_the_level_is_not_that_of_the_peaks_of_the_noise(ur10e: Arm) -> None:
 
 
 def test_without_a_command_no_limit_is_found(ur10e: Arm) -> None:
-    log = asked(ur10e, 50.0, 0.08)
+    log = at_limit(ur10e, 50.0, 0.08)
     assert limits_reached(ur10e, [replace(log, q_cmd=np.full_like(log.q, np.nan))]) == []
 
 
 def test_a_delayed_joint_that_mostly_stands_has_no_limit(ur10e: Arm) -> None:
-    """At rest a joint follows exactly; a controller's delay shows as soon as it moves, whatever its torque."""
-    log = asked(ur10e, 50.0, 0.0)
+    """At rest a joint follows exactly. A controller's delay shows as soon as the joint moves, at any torque."""
+    log = at_limit(ur10e, 50.0, 0.0)
     t, tau = log.t, log.tau[:, ELBOW]
     dq, q, q_cmd = log.dq.copy(), log.q.copy(), log.q.copy()
     dq[:, ELBOW] = 0.5 * np.sign(tau) * (np.abs(tau) > 40.0)
@@ -163,6 +163,6 @@ def test_a_delayed_joint_that_mostly_stands_has_no_limit(ur10e: Arm) -> None:
 
 def test_a_limit_of_a_drive_that_reports_its_current_is_found(ur10e: Arm) -> None:
     arm = replace(ur10e, torque_constant=np.full(6, 10.0))
-    log = asked(arm, 50.0, 0.08)
+    log = at_limit(arm, 50.0, 0.08)
     (found,) = limits_reached(arm, [replace(log, tau=np.full_like(log.tau, np.nan), current=log.tau / 10.0)])
     assert found.effect.parameters["limit"] == pytest.approx(50.0, rel=0.01)

@@ -30,7 +30,7 @@ def item_of(effect: str) -> ArmEffect:
 
 
 def under(arm: Arm, item: ArmEffect, law: Effect) -> Hidden:
-    """What the effect changes, where it follows that law."""
+    """Change that the effect makes if it follows `law`."""
 
     def hidden(motion: Trajectory, tau: np.ndarray) -> np.ndarray:
         def torque(effects: tuple[ArmEffect, ...]) -> np.ndarray:
@@ -45,7 +45,7 @@ def under(arm: Arm, item: ArmEffect, law: Effect) -> Hidden:
 
 
 def fitted(arm: Arm, item: ArmEffect, law: Effect) -> Fit:
-    """The catalogue's effect, fitted from the true values to two recordings of an arm that follows `law`."""
+    """Fit of the catalogue's effect to two recordings of an arm that follows `law`, starting from the true values."""
     here = under(arm, item, law)
     logs = [recording(arm, seed, None if item.effect == CONTACT and seed == 1 else here) for seed in (1, 2)]
     baseline = selection.started(warmed([measured(log, arm) for log in logs]), Hypothesis.nominal(arm))
@@ -56,7 +56,7 @@ def fitted(arm: Arm, item: ArmEffect, law: Effect) -> Fit:
 
 @pytest.mark.parametrize(("effect", "law"), LAWS, ids=IDS)
 def test_a_joint_alone_follows_another_law_as_the_whole_path_does(ur10e: Arm, effect: str, law: Effect) -> None:
-    """A joint's path goes on from what it has computed before, which must not hold what the other law changes."""
+    """The path of one joint reuses earlier results, which must not contain anything that the other law changes."""
     item = item_of(effect)
     event = item if effect == CONTACT else None
     arm = ur10e if event else with_effect(ur10e, item)
@@ -74,7 +74,7 @@ def test_a_joint_alone_follows_another_law_as_the_whole_path_does(ur10e: Arm, ef
 
 @pytest.mark.parametrize(("effect", "law"), LAWS, ids=IDS)
 def test_the_interval_covers_another_law(ur10e: Arm, effect: str, law: Effect) -> None:
-    """The dry friction of these recordings has another form as well."""
+    """The dry friction of these recordings also has another form."""
     item = item_of(effect)
     found = fitted(ur10e, item, law)
     std, by_law = found.std()[0], form_std(found)[0]

@@ -1,4 +1,4 @@
-"""The derivatives that the diagnosis sees are exact where the arm moves, and a pause is left out."""
+"""The derivatives that the diagnosis uses are exact where the arm moves, and pauses are left out."""
 
 from __future__ import annotations
 

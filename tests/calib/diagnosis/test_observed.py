@@ -1,4 +1,4 @@
-"""A gap that the following error shows, in whichever recording, is weighed beside the torque."""
+"""A gap that the following error of any recording shows counts as evidence beside the torque."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def test_an_observed_gap_is_fitted_at_its_value_and_its_absence_costs_what_it_sh
     best = scored(f)[0]
     assert best.key == PAN
     with_gap = add(fitted, f, best)
-    # the torque of these recordings, which have no gap, does not pull it away
+    # the torque of these recordings, which have no gap, does not change its value
     assert with_gap.accepted[0].parameters["half_gap"] == pytest.approx(GAP, rel=1e-3)
     assert with_gap.std()[0]["half_gap"] == GAP / 20
 
@@ -52,7 +52,7 @@ def test_an_observed_gap_is_fitted_at_its_value_and_its_absence_costs_what_it_sh
 def test_an_observed_gap_is_answered_with_its_source_and_no_share_that_the_torque_does_not_show(
     arm: Arm, monkeypatch: pytest.MonkeyPatch, written: bool
 ) -> None:
-    """Also where the torque of an arm with it is no better, so that the arm stays as it was."""
+    """This also holds where the torque fit of an arm with the gap is no better, and the arm stays unchanged."""
     gap = ArmEffect(*PAN, {"half_gap": 1e-3})
 
     def crossed(motion: Trajectory, tau: np.ndarray) -> np.ndarray:
@@ -98,7 +98,7 @@ def test_structure_that_another_form_of_a_name_leaves_at_its_joint_is_no_second_
 
 
 def test_a_gap_that_shows_under_the_loads_that_were_found_is_searched_for(arm: Arm) -> None:
-    """The nominal load of the pan changes its sign elsewhere than the load under a force on the tool does."""
+    """The nominal load of the pan changes sign at other angles than the load under a force on the tool."""
     force, gap = ArmEffect("tool_force", None, {"force_x": 40.0, "force_y": 30.0, "force_z": 0.0}), 1e-3
     pulled = with_effect(arm, force)
 
@@ -128,7 +128,7 @@ def test_held_out_torque_alone_refutes_no_gap_that_the_following_error_shows(see
 
 def test_the_following_error_of_a_held_out_recording_counts(arm: Arm, monkeypatch: pytest.MonkeyPatch) -> None:
     class Searched(Exception):
-        """What a search was given."""
+        """Carries the hypothesis that the search was given."""
 
     def given(measurements: object, hypothesis: Hypothesis, progress: object) -> None:
         raise Searched(hypothesis)

@@ -1,4 +1,4 @@
-"""A spring and a ripple that one ripple of another period fits better than either of them; two pairs that fit alike."""
+"""Two effects that one wrong effect fits better than either of them alone, and two pairs that fit equally well."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ SPRING = ArmEffect("joint_spring", WRIST, {"stiffness": 0.1, "rest_angle": -4.0}
 def test_a_wrong_first_effect_gives_way_to_the_two_that_it_imitates(
     ur10e: Arm, truth: tuple[ArmEffect, ...], wrong: ArmEffect, alike: dict[str, str]
 ) -> None:
-    """The ripple leaves structure; the spring leaves none, but an offset alone promises nearly as much."""
+    """The ripple leaves structure. The spring leaves none, but an offset alone has nearly its gain."""
 
     def hidden(motion: Trajectory, tau: np.ndarray) -> np.ndarray:
         true = ur10e
@@ -66,7 +66,7 @@ def test_what_leaves_no_structure_stays(ur10e: Arm) -> None:
 
 
 def rivals_of(arm: Arm, truth: tuple[ArmEffect, ...], named: tuple[ArmEffect, ...]) -> list[tuple[tuple[str, str | None], ...]]:
-    """The rivals of two names in recordings of an arm with `truth`."""
+    """The rivals of two named effects in recordings of an arm with `truth`."""
     true = arm
     for item in truth:
         true = with_effect(true, item)
@@ -77,7 +77,7 @@ def rivals_of(arm: Arm, truth: tuple[ArmEffect, ...], named: tuple[ArmEffect, ..
 
 
 def test_a_pair_that_fits_as_well_stands_beside_the_names(ur10e: Arm) -> None:
-    """Nearly all torque of the last wrist is friction and reflected inertia: more of both is a gain with less viscous friction."""
+    """Nearly all torque of wrist 3 is friction and reflected inertia. More of both is a gain with less viscous friction."""
     stated = replace(ur10e, prior=ur10e.prior.model_copy(update={"coulomb": 0.04, "viscous": 0.04, "rotor": 0.1}))
     wrist = "wrist_3_joint"
     truth = (ArmEffect("coulomb_friction", wrist, {"coulomb": 3.15}), ArmEffect("rotor_inertia", wrist, {"inertia": 0.73}))

@@ -1,4 +1,4 @@
-"""What is nearly a name is stated with its chance; what noise often does is not."""
+"""An effect that is almost named is listed with its chance; an effect that noise often imitates is not listed."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def scored(gain: float, effect: str = "joint_spring", joint: str | None = "elbow
 
 
 def possible(ranked: list[Scored], named: Collection[Key] = (), gain: float | None = None) -> list[dict[str, Any]]:
-    """What is listed where a fit brings `gain`, or what was promised."""
+    """The list when a fit gains `gain`, or the linear gain if None."""
     return module.possible(ranked, NULL, named, lambda s: s.gain if gain is None else gain)
 
 
@@ -35,10 +35,10 @@ def test_a_promise_that_a_fit_does_not_keep_is_not_listed() -> None:
 
 def test_the_chance_is_that_of_as_much_above_the_price_in_simulated_recordings() -> None:
     (one,) = possible([scored(THRESHOLD - 1.05, "viscous_friction")])
-    assert one["chance"] == pytest.approx(0.1 + 0.01)  # ten of 99, and the one at hand
+    assert one["chance"] == pytest.approx(0.1 + 0.01)  # ten of 99, plus the one at hand
     (certain,) = possible([scored(THRESHOLD + 5.0, "viscous_friction")])
     assert certain["chance"] == pytest.approx(0.01)
-    four = possible([scored(THRESHOLD + 12.0, "link_inertia")])  # its price is higher: it has more parameters
+    four = possible([scored(THRESHOLD + 12.0, "link_inertia")])  # its price is higher because it has more parameters
     assert four[0]["chance"] > certain["chance"]
 
 

@@ -1,4 +1,4 @@
-"""A name is written into the arm only where the arm then predicts and moves no worse."""
+"""A named effect is written into the arm only if the arm then predicts and moves no worse."""
 
 from __future__ import annotations
 
@@ -44,13 +44,15 @@ def test_an_effect_that_all_have_is_written(ur10e: Arm) -> None:
     promotion, spring = _promoted(ur10e, SPRING, SPRING)
     assert promotion.refused == ()
     assert spring == pytest.approx(12.0, rel=0.2)
-    # what was simulated is shown, and is no farther off
+    # the motions that were simulated are listed, and they end no farther off
     assert [a.horizon.seconds for a, _ in promotion.motion] == [b.horizon.seconds for _, b in promotion.motion]
     assert all(b.flange < 1.2 * a.flange for a, b in promotion.motion)
 
 
 def test_an_effect_is_not_refused_for_what_a_refit_does_at_another_joint(ur10e: Arm) -> None:
-    """The elbow's friction needs a refit; wrist 3 turns stiffer in the fitted recordings alone, so a refit of all joints is worse there."""
+    """The elbow's friction needs a refit. Wrist 3 has more friction in the fitted recordings only: refitting all is worse
+    there.
+    """
     elbow, stiffer = at(ELBOW, lambda q, dq: 3.0 * (q - 0.4) + 8.0 * dq), at(5, lambda q, dq: 1.5 * dq)
 
     def both(motion: Trajectory, tau: np.ndarray) -> np.ndarray:
@@ -71,7 +73,7 @@ def test_an_effect_is_not_refused_for_what_a_refit_does_at_another_joint(ur10e: 
 
 
 def test_where_a_refit_predicts_worse_a_joint_stays_as_it_was(ur10e: Arm) -> None:
-    """The pan joint's friction rose in all recordings, that of wrist 3 in the fitted ones alone: the first is written, the second is not."""
+    """Friction of the pan joint is higher in all recordings, of wrist 3 in the fitted ones only. Only the first is written."""
     pan, stiffer = at(0, lambda q, dq: 8.0 * dq), at(5, lambda q, dq: 1.5 * dq)
 
     def lasting(motion: Trajectory, tau: np.ndarray) -> np.ndarray:
@@ -88,7 +90,7 @@ def test_where_a_refit_predicts_worse_a_joint_stays_as_it_was(ur10e: Arm) -> Non
 
 
 def test_a_limit_that_was_reached_is_written_although_no_arm_with_it_predicts_as_well(ur10e: Arm) -> None:
-    """A saturation far below the torque of the recording kept apart: it was seen, and nothing else is written beside it."""
+    """The limit is far below the torque of the held-out recording. It is written because it was seen, and nothing else is."""
     those = warmed([measured(recording(ur10e, seed), ur10e) for seed in (1, 2)])
     baseline = started(those, Hypothesis.nominal(ur10e))
     limit = ArmEffect("torque_saturation", "elbow_joint", {"limit": 1.0})
@@ -98,7 +100,7 @@ def test_a_limit_that_was_reached_is_written_although_no_arm_with_it_predicts_as
 
 
 def test_a_law_alone_leaves_links_and_other_joints_as_they_were(ur10e: Arm) -> None:
-    """The elbow drags behind a reversal; without a recording held out, nobody knows whether a refit of all else would predict others better."""
+    """The elbow drags after reversals. Without a held-out recording, it is unknown whether a full refit predicts better."""
 
     def dragging(motion: Trajectory, tau: np.ndarray) -> np.ndarray:
         out = np.zeros_like(tau)
@@ -127,7 +129,7 @@ def _viscous(arm: Arm, joint: str) -> float:
 
 
 def _promoted(arm: Arm, fitted: Hidden, apart: Hidden | None) -> tuple[Promotion, float]:
-    """What is written of a named spring at the elbow, and its stiffness; the disturbances are those of the recordings."""
+    """What is written of a spring named at the elbow, and its stiffness. `fitted` and `apart` disturb the recordings."""
     those = warmed([measured(recording(arm, seed, fitted), arm) for seed in (1, 2)])
     promotion = promoted(those, *_with_spring(arm, those), warmed([measured(recording(arm, 3, apart), arm)]))
     written = arm if promotion.change is None else promotion.change.of(arm)
@@ -171,7 +173,7 @@ def test_what_a_joint_does_at_a_change_of_direction_makes_no_arm_worse() -> None
     [(8.0, "of elbow_joint while it slides is 3 N m with it and 1 N m"), (1.0, "of elbow_joint is 2.72 N m with it and 1 N m")],
 )
 def test_a_refusal_gives_the_error_that_decided(ur10e: Arm, turning: float, words: str) -> None:
-    """Of all rows where that is larger, else of the rows in which the joint slides; turning: the error before, at reversals."""
+    """The error over all rows if that is larger, otherwise over the sliding rows. turning: the error before, at reversals."""
     sliding = np.ones((100, 6), dtype=bool)
     sliding[::5] = False
     before, after = _written(np.where(sliding, 1.0, turning), sliding), _written(np.where(sliding, 3.0, 1.0), sliding)

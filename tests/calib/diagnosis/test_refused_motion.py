@@ -1,4 +1,4 @@
-"""An effect whose corrected arm moves worse is left out alone, where the others without it move nearer."""
+"""An effect whose corrected arm moves worse is left out alone if the arm with the other effects moves closer."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from tests.calib.diagnosis.conftest import at, recording
 
 HIDDEN = at(2, lambda q, dq: 12.0 * (q - 0.4))
 SPRING = ArmEffect("joint_spring", "elbow_joint", {"stiffness": 12.0, "rest_angle": 0.4})
-# nearly Coulomb friction at the speeds of the recordings: only a refit of that makes it bearable
+# nearly Coulomb friction at the recorded speeds: acceptable only with a refit of Coulomb friction
 STRIBECK = ArmEffect("stribeck_friction", "wrist_3_joint", {"stiction_excess": 1.5, "stribeck_velocity": 1.0})
 
 
@@ -30,11 +30,11 @@ def test_an_effect_that_only_a_refit_makes_bearable_is_left_out_alone(ur10e: Arm
     those = warmed([measured(recording(ur10e, seed, HIDDEN), ur10e) for seed in (1, 2)])
     baseline = started(those, Hypothesis.nominal(ur10e))
     hypothesis = baseline.hypothesis.with_effects((SPRING, STRIBECK))
-    both = fit(those, hypothesis, 0, baseline.solved.noise, baseline.models)  # of the sizes that are given
+    both = fit(those, hypothesis, 0, baseline.solved.noise, baseline.models)  # at the stated values
     refits: list[bool] = []
 
     def rises(self: SimulatedMotion, change: ArmChange) -> bool:
-        """The motion refuses every refit."""
+        """Reject every refit."""
         refits.append(bool(change.inertials) or any(e.effect == "coulomb_friction" for e in change.effects))
         return refits[-1]
 
@@ -48,7 +48,7 @@ def test_an_effect_that_only_a_refit_makes_bearable_is_left_out_alone(ur10e: Arm
 
 
 def test_an_effect_need_not_be_as_good_as_a_refit_that_moves_worse(ur10e: Arm, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Its own arm predicts and moves better than the arm as it was; a refit would predict the elbow better still, and the motion refuses it."""
+    """With the spring alone the arm is better than before. A refit predicts the elbow better still but moves worse."""
     hidden = at(2, lambda q, dq: 8.0 * (q - 0.4) + 40.0 * dq)
     spring = ArmEffect("joint_spring", "elbow_joint", {"stiffness": 8.0, "rest_angle": 0.4})
     those = warmed([measured(recording(ur10e, seed, hidden), ur10e) for seed in (1, 2)])

@@ -1,4 +1,4 @@
-"""What diagnosis.json reports of an effect, and what the corrected arm holds of it."""
+"""Values of an effect in diagnosis.json and in the corrected arm."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def test_what_the_arm_folder_holds_is_reported_beside_what_was_fitted(ur10e: Arm
         for name, x in e["parameters"].items():
             assert own.parameters[name] == pytest.approx(x["written"], rel=1e-9)
             assert x["value"] == pytest.approx(x["written"], abs=2 * x["std"])
-            # what the number is depends on the effect's law as well
+            # the value also depends on the choice of the effect's law
             assert 0 < x["std_by_law"] < x["std"]
 
 

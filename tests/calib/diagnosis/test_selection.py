@@ -1,4 +1,4 @@
-"""Candidates whose linear promise misleads: one that is not admissible, and one whose torque grows in no proportion."""
+"""Candidates whose linear gain misleads: one is not admissible, one has a torque that is not proportional to its parameter."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def test_a_weaker_promise_is_tried_where_the_strongest_fits_worse(sprung: Starte
 def test_an_effect_whose_promise_is_too_large_is_begun_again_from_less(
     sprung: Started, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """As a time delay on the real UR10e, which promised 10 ms."""
+    """For example a time delay on the real UR10e, whose linear fit gave 10 ms."""
     measurements, baseline = sprung
     tried = []
 
@@ -96,7 +96,7 @@ def test_the_search_ends_where_a_joint_is_beyond_the_catalogue(ur10e: Arm) -> No
 
 
 def test_a_width_begun_too_narrow_to_matter_is_found_from_a_larger_one(ur10e: Arm) -> None:
-    """Bristles narrower than what every bearing has change nothing, so nothing shows which way to go."""
+    """Bristles narrower than in every bearing change nothing, so the fit has no gradient."""
     hidden = ArmEffect("presliding_friction", JOINT, {"stiffness": 3000.0})
     measurements, baseline = started(ur10e, hidden)
     width = baseline.hypothesis.width[ur10e.joint_index(JOINT)]

@@ -1,4 +1,4 @@
-"""A model that borrows from another of the same recording is the model made alone, and the search does not ask twice what cannot help."""
+"""A model that borrows parts equals the model made alone, and the search does not retry an effect that cannot help."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def test_what_fits_worse_than_nothing_is_not_asked_again(ur10e: Arm, monkeypatch
 
 
 def _models(arm: Arm, changes: tuple[ArmEffect, ...]) -> tuple[LogModel, LogModel, LogModel]:
-    """A nominal model, one with changes that borrows from it, and that one made alone."""
+    """A nominal model, a changed model that borrows from it, and the same changed model made alone."""
     [m] = warmed([measured(recording(arm, 1), arm)])
     nominal = Hypothesis.nominal(arm)
     lender = LogModel(m, nominal)

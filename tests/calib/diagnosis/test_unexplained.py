@@ -1,4 +1,4 @@
-"""What oscillates, with the motion or without it, has no name in the catalogue: it is reported at its joint, and nothing else is."""
+"""Oscillations and other torques outside the catalogue are reported as unexplained at their joint, and nowhere else."""
 
 from __future__ import annotations
 
@@ -32,14 +32,14 @@ def asked(arm: Arm, hidden: Hidden) -> Diagnosis:
 
 
 def unexplained_at(found: dict[str, Any], joint: str) -> list[str]:
-    """What the structure depends on: at this joint, and nothing is named or left anywhere else."""
+    """What the structure at this joint depends on; asserts that nothing is named and no other joint has structure."""
     assert (found["verdict"], found["effects"]) == ("unexplained", [])
     assert [u["joint"] for u in found["unexplained"]] == [joint]
     return list(found["unexplained"][0]["depends_on"])
 
 
 def pickup(frequency: float) -> Hidden:
-    """A tone at a wrist, of the size of its noise, with another phase in every recording."""
+    """A tone at a wrist, as large as its noise, with another phase in every recording."""
 
     def hidden(motion: Trajectory, tau: np.ndarray) -> np.ndarray:
         out = np.zeros_like(tau)
@@ -77,7 +77,7 @@ def test_a_mass_that_swings_behind_a_joint_is_reported_as_a_resonance(ur10e: Arm
 
 @pytest.mark.parametrize(("width", "level"), [pytest.param(0.15, 8.0, marks=pytest.mark.slow), (0.28, 10.0)])
 def test_a_dress_pack_that_drags_after_reversals_is_reported_as_hysteresis(ur10e: Arm, width: float, level: float) -> None:
-    """By a play operator, whose level is reached at once and not as in Dahl's law."""
+    """A play operator, which reaches its level at once, unlike Dahl's law."""
 
     def hose(motion: Trajectory, tau: np.ndarray) -> np.ndarray:
         out, held = np.zeros_like(tau), motion.q[0, PAN]
@@ -126,7 +126,7 @@ def creeping(seconds: float, stiffness: float) -> Hidden:
 
 
 def dragging(waves: float, most: float) -> Hidden:
-    """A gear of the wrist that sits off its centre."""
+    """An eccentric gear at the wrist."""
 
     def hidden(motion: Trajectory, tau: np.ndarray) -> np.ndarray:
         out = np.zeros_like(tau)
@@ -150,7 +150,7 @@ def test_what_imitates_an_effect_is_not_given_its_name(ur10e: Arm, hidden: Hidde
 
 
 def test_a_strong_effect_is_not_taken_for_what_imitates_it(ur10e: Arm) -> None:
-    """Robust weights take away most of what a strong spring brings, and of the linear promise of an imitator nothing."""
+    """Robust weights remove most of what a strong spring gains, but nothing of an imitator's linear gain."""
 
     def spring(motion: Trajectory, tau: np.ndarray) -> np.ndarray:
         out = np.zeros_like(tau)
@@ -181,7 +181,7 @@ def test_a_tone_is_found_on_both_sides_of_a_gap(ur10e: Arm, gap: float) -> None:
 
 @pytest.mark.parametrize("seed", [1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (21, 51))])
 def test_noise_in_many_columns_is_no_structure_without_a_held_out_recording(seed: int) -> None:
-    """Hats over a turn take as much of it as they are many: these three recordings had friction at one angle."""
+    """Hats over a turn fit noise in proportion to their number: these three recordings once showed friction at one angle."""
     arm = load_arm("servo6")
     truth = without_offsets(varied(arm, seed, 0.01))
     logs = [recorded(truth, fourier_motion(arm, seed + k, 20.0, 200.0), seed + k, memory=0.0) for k in (0, 1)]

@@ -1,4 +1,4 @@
-"""Arms of which nobody stated friction: it is fitted, what is hidden beside it is named, and nothing else."""
+"""Arms with unstated friction: it is fitted, an effect hidden beside it is named, and nothing else is."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ OWN = ("coulomb_friction", "viscous_friction", "rotor_inertia")
 
 @pytest.fixture(scope="module")
 def bare(ur10e: Arm) -> Arm:
-    """The arm as a model file without friction gives it; half of its recordings' friction is then more than ever stated."""
+    """The arm as read from a model file without friction: friction, reflected inertia and offset are unknown."""
     prior = ur10e.prior.model_copy(update={"unknown": ["coulomb", "viscous", "rotor", "offset"]})
     return replace(ur10e, effects=tuple(e for e in ur10e.effects if e.effect not in OWN), prior=prior)
 

@@ -1,4 +1,4 @@
-"""A diagnosis of a long recording: sums that come out the same however pieces are joined, and that every piece takes part in."""
+"""Diagnosis of a long recording: sums do not depend on how pieces are joined, and every piece contributes."""
 
 from __future__ import annotations
 
@@ -94,7 +94,7 @@ def test_pieces_that_are_done_are_not_done_again(ur10e: Arm, logs: list[Log], as
     again, _ = diagnose_pieces(ur10e, Pieces(*logs), [recording(ur10e, 9, SPRING)], Kept(folder), most=25.0)
     assert again.answer == found.answer
     assert [f.stat().st_mtime_ns for f in files] == stamps
-    # what is kept is what is used
+    # the stored sums are used
     for file in files:
         with np.load(file, allow_pickle=False) as stored:
             spoilt = {key: stored[key] for key in stored.files}
@@ -118,7 +118,7 @@ def test_a_piece_that_was_not_searched_and_is_unlike_the_others_is_searched_too(
 
 
 def test_an_arm_with_friction_laws_stays_as_it_was_tested(ur10e: Arm) -> None:
-    """A friction of the elbow that no single effect describes, on top of a spring there, in a recording of which half is searched."""
+    """The elbow has a spring and friction that no single effect describes. Half of the recording is searched."""
 
     def both(q: np.ndarray, dq: np.ndarray) -> np.ndarray:
         return (

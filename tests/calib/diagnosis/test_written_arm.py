@@ -1,4 +1,4 @@
-"""A fit as an arm folder can hold it: what the arm as it was predicts better stays as it was."""
+"""A fit as an arm folder holds it: joints that the given arm predicts better keep its values."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ def shown(ur10e: Arm) -> list[Measurement]:
 
 
 def moved(**viscous: float) -> ArmChange:
-    """The arm with other viscous friction."""
+    """A change of viscous friction at the given joints."""
     return ArmChange({}, tuple(ArmEffect("viscous_friction", joint, {"viscous": value}) for joint, value in viscous.items()))
 
 
 def test_the_joint_that_a_refit_predicts_worse_keeps_its_own_friction(ur10e: Arm, shown: list[Measurement]) -> None:
-    """Of two joints whose friction was moved one is predicted worse: that one alone is as it was."""
+    """Viscous friction changes at two joints. Only the joint that is predicted worse keeps its own."""
     own = ur10e.effect("viscous_friction", WRIST)
     assert own is not None
     kept = WrittenArm.of(ArmChange({}, ()), (), ur10e, shown)

@@ -1,4 +1,4 @@
-"""An effect of friction that only loses to a friction law keeps its name, and the corrected arm holds the law."""
+"""A friction effect that is only worse than a friction law keeps its name, and the corrected arm holds the law."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ SPRING = at(2, lambda q, dq: 12.0 * (q - 0.4))
 def test_an_effect_that_a_friction_law_stands_for_is_still_reported(
     ur10e: Arm, monkeypatch: pytest.MonkeyPatch, by_law: bool
 ) -> None:
-    """The arm is written with the law, and what is missing has its name."""
+    """The corrected arm holds the law, and the diagnosis names the effect."""
 
     def promote(*asked: Any) -> Promotion:
         refused = [
@@ -40,7 +40,7 @@ def test_an_effect_that_a_friction_law_stands_for_is_still_reported(
 
 
 def test_a_law_drives_no_joint_beyond_the_speeds_that_were_recorded(ur10e: Arm) -> None:
-    """Friction that bends down within the recorded speeds, of which a parabola would go below zero at the joint's limit."""
+    """Friction that bends down within the recorded speeds: its parabola would fall below zero at the joint's speed limit."""
     fast, top = replace(ur10e, dq_max=3.0 * ur10e.dq_max), 2.2
     bends = at(4, lambda q, dq: 16.0 * np.sign(dq) * np.abs(dq) / top * (1.0 - 0.9 * np.abs(dq) / top))
     found = diagnose(fast, [recording(ur10e, seed, bends) for seed in (1, 2, 3)])

@@ -1,4 +1,4 @@
-"""Plants of a few arms: recordings that say whose they are, made by formula."""
+"""A plant of a few arms: synthetic recordings that state their arm, cell and serial number."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def write_recording(
     seconds: float = 12.0,
     still: bool = False,
 ) -> Path:
-    """A finished recording of `truth`, which says that it is of `arm` in the cell that its folder is named after."""
+    """Write a finished recording of `truth` that states `arm` and the cell of its folder's name."""
     log = recorded(truth, fourier_motion(arm, seed, seconds, 125.0), seed)
     if still:
         q = log.q.copy()
@@ -36,7 +36,7 @@ def write_recording(
 
 
 def write_words(file: Path, arm: Arm, log: Log, motion: str, day: float) -> Path:
-    """The log as a finished recording that says whose it is."""
+    """Write the log as a finished recording that states its arm, cell and serial number."""
     words = {
         "arm": arm.name, "arm_sha256": arm.sha256, "cell": file.parent.name, "serial": f"S-{file.parent.name}", "motion": motion,
         "end_reason": "completed", "wall_clock_start_ns": str(round((START + day * DAY) * 1e9)),
@@ -47,7 +47,7 @@ def write_words(file: Path, arm: Arm, log: Log, motion: str, day: float) -> Path
 
 
 def spoil(file: Path) -> Path:
-    """Turn one bit in the middle of a file."""
+    """Invert one byte, at a third of the file."""
     data = bytearray(file.read_bytes())
     data[len(data) // 3] ^= 0xFF
     file.write_bytes(bytes(data))
@@ -56,7 +56,7 @@ def spoil(file: Path) -> Path:
 
 @pytest.fixture
 def plant(tmp_path: Path, ur5e: Arm) -> Path:
-    """Five arms with two recordings, one whose joint stands still, one whose recording is damaged, one that nobody knows."""
+    """Five arms with two recordings each, one with a still joint, one damaged, one unknown, and a junk file."""
     folder = tmp_path / "plant"
     for k in range(5):
         truth = varied(ur5e, k + 1)

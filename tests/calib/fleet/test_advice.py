@@ -1,4 +1,4 @@
-"""What a fleet's row advises can be done, and the fleet is then assessed: `calib fleet` itself has no `--assume`."""
+"""A row's advice can be followed, and the fleet is then assessed. `calib fleet` itself has no `--assume`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A plant of a few arms, from recordings to rows: what is done, what is reported of the rest, and what a second call does."""
+"""A plant of a few arms, from recordings to rows: what is assessed, what is reported, and what a second run does."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which recordings there are, and whose each is: from what it says of itself."""
+"""Which recordings exist, and which arm each states that it belongs to."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Arms of one model together: what is theirs is found again, the different one stands out, little data is helped."""
+"""Arms of one model compared: their spread is recovered, a deviating arm stands out, and an arm with little data gains."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ ARMS, P = 40, 12
 
 
 def fleet(rng: np.random.Generator, arms: int = ARMS) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[np.ndarray]]:
-    """Spread (p,), true and estimated parameters (A, p) and covariances; the first two arms have 400 times the variance."""
+    """Spread (p,), true and estimated parameters (A, p), and covariances. The first two arms have 400 times the variance."""
     mean = 3 * rng.standard_normal(P)
     spread = 0.1 * np.abs(mean) + 0.01
     truth = mean + spread * rng.standard_normal((arms, P))

@@ -1,4 +1,4 @@
-"""The fleet in one sentence: nothing good is said of arms that nobody looked into."""
+"""The summary sentence of a fleet: it claims nothing of arms that were not examined."""
 
 from __future__ import annotations
 

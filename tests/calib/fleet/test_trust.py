@@ -1,4 +1,4 @@
-"""What recordings, workers and strangers say is not trusted: identities stay apart, one fault stays one row, nobody else gets in."""
+"""Recordings, workers and outsiders are not trusted: identities stay apart, and one fault affects one row only."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ def test_an_answer_travels_as_data() -> None:
 
 
 class Trap:
-    """Runs when somebody unpickles it."""
+    """Sets `sprung` when it is unpickled."""
 
     sprung = False
 

@@ -1,4 +1,4 @@
-"""A reading without the friction that the controller compensates is named as such; a reversed sign is not taken for one."""
+"""A reading without the friction that the controller compensates is named; a reversed sign is not mistaken for it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A recording that holds its own samples again is named with both spans, however often they stand in it."""
+"""A recording that contains its own samples again is refused with both spans, however often they recur."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from sim.errors import BadLog
 
 
 def again(log: Log, times: int, noise: float = 0.0) -> Log:
-    """The samples of `log` several times in one log, the torques with noise of their own."""
+    """The samples of `log` several times in one log, with new noise on the torques."""
     length = log.t[-1] - log.t[0] + log.period
     arrays = {name: np.concatenate([getattr(log, name)] * times) for name in SAMPLES}
     t = np.concatenate([log.t + k * length for k in range(times)])

@@ -1,4 +1,4 @@
-"""What --assume takes, and what each of its words makes of a recording."""
+"""The words that --assume accepts, and how each of them changes a recording."""
 
 from __future__ import annotations
 

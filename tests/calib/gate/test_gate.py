@@ -1,4 +1,4 @@
-"""The gate: recordings of other units, signs, columns, clocks and arms are refused with their cause, good ones and bad models pass."""
+"""Recordings with wrong units, signs, columns, clocks or arms are refused with their cause; good ones pass."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from logs.log import Log
 
 SHORT = 40
 ALL = list(changes(arm("servo6")))
-UNDONE = [what for what in ALL if what != "gravity taken off"]  # which no way to read brings back
+UNDONE = [what for what in ALL if what != "gravity taken off"]  # no correction recovers it
 
 
 @pytest.mark.parametrize("name", BASES)
@@ -47,7 +47,7 @@ def test_physics_is_asked_once_about_the_same_arm_and_readings(monkeypatch: pyte
 
 
 def test_wrong_recordings_do_not_and_the_cause_comes_first_in_nine_of_ten() -> None:
-    """The first of the corpus; all of it is the slow test below."""
+    """The first SHORT cases of the corpus; `test_the_whole_corpus` runs all of it."""
     named = 0
     for case in cases()[:SHORT]:
         found = gate(case.arm, case.logs, family=family)
@@ -73,7 +73,7 @@ def test_the_whole_corpus() -> None:
     [what if k % 5 == 0 or ", " not in what else pytest.param(what, marks=pytest.mark.slow) for k, what in enumerate(UNDONE)],
 )
 def test_what_the_first_cause_says_makes_the_recording_good(what: str) -> None:
-    """Undone as the gate says, one after the other, every single corruption is gone: the sentence is a way out."""
+    """Applying the corrections of the first cause, one after the other, undoes every single corruption."""
     of, log = base("servo6 2")
     wrong, _ = changes(of)[what](log, of, np.random.default_rng(5))
     words: list[str] = []
@@ -117,7 +117,7 @@ def test_a_standing_or_short_or_empty_recording_is_no_reason_to_refuse_by_the_mo
 
 @pytest.mark.parametrize("seed", range(60))
 def test_no_arrays_make_it_fail(seed: int) -> None:
-    """Values of any size, NaN and infinities, in any channel: a refusal or not, and no exception."""
+    """Values of any size, NaN and infinities in any channel cause no exception, whether or not the recording is refused."""
     rng = np.random.default_rng(seed)
     of, log = base("servo6 sample")
     change = {}
@@ -155,16 +155,16 @@ def test_every_real_recording_of_the_ur10e_passes(real_data: Path) -> None:
 
 
 def test_a_joint_may_turn_beyond_its_range_where_no_angle_matters() -> None:
-    """A free shaft turns on; an elbow with masses behind it does not, unless its masses say so."""
+    """A free shaft may turn on. An elbow that carries masses may not."""
     of, log = base("servo6 2")
-    far = log.q + np.array([40.0, 0, 0, 0, 0, 0])  # the first axis is upright
+    far = log.q + np.array([40.0, 0, 0, 0, 0, 0])  # the first axis is vertical
     assert gate(of, [replace(log, q=far)]).refusal is None
     bent = replace(log, q=log.q + np.array([0, 0, 40.0, 0, 0, 0]))
     assert "elbow_joint" in (gate(of, [bent]).refusal or "")
 
 
 def test_by_how_much_a_residual_is_smaller_is_so_at_the_joint_that_is_named() -> None:
-    """Of a current whose sign is flipped, by the fit of that joint alone."""
+    """For a reversed load, the stated reduction is that of a fit of this joint alone."""
     of, log = base("ur5e 1")
     wrong, _ = changes(of)["load reversed, elbow_joint"](log, of, np.random.default_rng(0))
     refusal = str(gate(of, [wrong]).refusal)
@@ -182,7 +182,7 @@ def spoilt(log: Log, channel: str, at: slice, joint: int | slice, value: float |
 
 
 def test_readings_that_no_drive_gives_are_named_as_such() -> None:
-    """Spikes, an offset, a feed that stopped in motion, a torque that was never recorded: none is a gear ratio or another column."""
+    """Spikes, an offset, a stopped feed and an unrecorded torque are not reported as a gear ratio or another column."""
     of, log = base("ur10e 3")
     half = slice(len(log) // 2, None)
     stopped = log
@@ -200,7 +200,7 @@ def test_readings_that_no_drive_gives_are_named_as_such() -> None:
 
 
 def test_readings_that_are_mostly_noise_are_no_other_clock() -> None:
-    """A shift by which the motion of a joint falls beyond the recording leaves a constant there: nothing that the shift explains."""
+    """A shift that moves a joint's motion out of the recording leaves a constant there, so the shift explains nothing."""
     from benchmarks.known_truth import recorded
     from calib.excitation.sweeps import friction_sweeps
 

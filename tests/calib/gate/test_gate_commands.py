@@ -1,4 +1,4 @@
-"""The gate in front of the commands: each refuses with the cause first, reads another way where --assume is given, and lets nothing hide."""
+"""Commands refuse a wrong recording with its cause first, also among good ones, and --assume reads it another way."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the model may be wrong in, and what no wrong recording is: a load, a tilted base, a pull, unknown masses, sweeps."""
+"""Errors of the model that are no fault of a recording: a load, a tilted base, a pull, unknown masses."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from sim.arm import Arm, load_arm
 
 
 def test_a_bad_model_is_the_models_fault() -> None:
-    """Friction-free, with masses off, placeholder limits, or no masses at all: no unit explains that, and nothing is refused."""
+    """No friction, wrong masses, placeholder limits or no masses at all: no unit explains that, and nothing is refused."""
     of, log = base("servo6 2")
     tree = of.tree
     for change in (
@@ -63,7 +63,7 @@ def test_a_payload_is_no_wrong_recording() -> None:
 def test_a_load_a_tilted_base_or_a_pull_is_neither_another_arm_nor_another_column(
     name: str, motion: int, effect: str, parameters: dict[str, float]
 ) -> None:
-    """Asked against every arm that ships: a light arm with a load resembles a heavier one, a tilted base a reversed first joint."""
+    """Checked against every arm in the package: a light loaded arm resembles a heavier one, a tilted base a reversed joint."""
     from benchmarks.known_truth import fourier_motion, recorded, varied
     from benchmarks.wrong_data import within
     from calib.gate.commands import family as shipped
@@ -81,7 +81,7 @@ def test_a_load_a_tilted_base_or_a_pull_is_neither_another_arm_nor_another_colum
     [
         # joints moved one after the other: a heavier arm explains the load as well as a load does
         (Case(6, "single", "ur10e", 3, True, 7006, (("payload", -1),)), "friction"),
-        # a strong pull at the tool: with free scales the mass of a load is anything
+        # a strong pull at the tool: with free scales, a load of any mass fits
         (listed(76, 26112811)[75], "excitation"),
         # a wrist that the motor of the joint before it turns backwards: the residual of its reversed readings is 11 % smaller
         (listed(33, 26113071)[32], "validation"),
@@ -90,7 +90,7 @@ def test_a_load_a_tilted_base_or_a_pull_is_neither_another_arm_nor_another_colum
 def test_a_recording_of_an_exam_that_was_refused_is_the_arms(
     tmp_path: Path, case: Case, log: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Loads: each joint's scale is free in the first attempt, which leaves little to tell one by."""
+    """Recordings of blind exams that were once refused. The first fit scales every joint freely, so loads are hard to see."""
     from calib.gate.commands import family as shipped
 
     write = cases.write
@@ -98,7 +98,7 @@ def test_a_recording_of_an_exam_that_was_refused_is_the_arms(
     def up_to_it(file: Path, *rest: Any) -> None:
         write(file, *rest)
         if file.stem == log:
-            raise InterruptedError  # the recordings after it are not asked about
+            raise InterruptedError  # the recordings after it are not needed
 
     monkeypatch.setattr(cases, "write", up_to_it)
     with pytest.raises(InterruptedError):
@@ -109,7 +109,7 @@ def test_a_recording_of_an_exam_that_was_refused_is_the_arms(
 
 @pytest.mark.parametrize("name", ["servo6 sample", "ur5e 1"])
 def test_exchanged_wrists_are_no_load(name: str) -> None:
-    """Light joints whose readings are exchanged gain little: a load that fits about as badly must not excuse them."""
+    """Light joints with exchanged readings gain little. A load that fits about as badly must not excuse them."""
     of, log = base(name)
     what = "joints exchanged, wrist_2_joint,wrist_3_joint"
     wrong, words = changes(of)[what](log, of, np.random.default_rng(0))
@@ -125,7 +125,7 @@ def test_masses_that_nobody_knows_tell_nothing() -> None:
 
 
 def test_friction_sweeps_are_no_wrong_columns() -> None:
-    """One joint after the other at constant speeds, and a short chirp with an effect that the model has not: little tells columns apart."""
+    """An effect that the model does not have, in the last fifth of the recording, is not reported as exchanged columns."""
     of, log = base("servo6 2")
     still = np.arange(len(log)) < 0.8 * len(log)
     for seed in range(3):
@@ -149,7 +149,7 @@ def test_a_joint_without_dry_friction_is_no_other_unit() -> None:
 
 @pytest.mark.parametrize(("dry", "named"), [(2e-5, False), (2e-2, True)])
 def test_dry_friction_below_what_nothing_explains_names_no_joint(dry: float, named: bool) -> None:
-    """A joint without dry friction has an estimate of it all the same, which may be any number of times that of others."""
+    """A joint without dry friction still has an estimate of it, which may be any multiple of that of other joints."""
     of, log = base("servo6 2")
     s = signals([log], [log.tau])
     one = np.ones(of.n)

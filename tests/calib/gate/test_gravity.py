@@ -1,4 +1,7 @@
-"""An arm on a wall or a ceiling whose model stands on the floor is refused, with the direction in which gravity pulls; and a torque without gravity."""
+"""A wrong mounting is refused with the direction of gravity, and so is a torque without gravity.
+
+Here the arm hangs on a wall or a ceiling and its model stands on the floor.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +26,7 @@ PULL = ArmEffect("tool_force", None, {"force_x": 0.0, "force_y": 0.0, "force_z":
 
 
 def turned(arm: Arm, degrees: float, axis: tuple[float, float, float]) -> Arm:
-    """The arm as it is mounted after a turn of its base."""
+    """The arm mounted with its base turned."""
     gravity = Rotation.from_rotvec(np.radians(degrees) * np.array(axis)).apply(arm.gravity)
     return replace(arm, tree=replace(arm.tree, gravity=gravity))
 

@@ -1,4 +1,4 @@
-"""A spring at a joint, a coupled transmission or a pull at the tool is no wrong reading; a wrong reading of such an arm is still one."""
+"""A spring, a coupled transmission or a pull at the tool is not reported as a wrong reading and does not hide one."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def beside(name: str, motion: int, effect: ArmEffect) -> Log:
 
 
 def small(of: Arm, motion: int) -> Trajectory:
-    """A motion of 0.9 rad to either side."""
+    """A motion of at most 0.9 rad to either side."""
     wide = within(of, fourier_motion(of, motion, 20.0, 100.0))
     way = wide.q - wide.q.mean(axis=0)
     by = np.minimum(1.0, 0.9 / np.abs(way).max(axis=0))
@@ -47,7 +47,7 @@ LOAD = ArmEffect("payload", None, {"mass": 3.0, "com_x": 0.0, "com_y": 0.0, "com
 
 @pytest.mark.parametrize(("motion", "effect"), [*itertools.product((31, 34), PULLS), (32, LOAD)])
 def test_what_is_mounted_is_neither_another_unit_nor_another_arm(motion: int, effect: ArmEffect) -> None:
-    """25 to 30 N at the flange of an arm of 4 kg are most of what its joints bear."""
+    """25 to 30 N at the flange of a 4 kg arm is most of its joint load."""
     of = arm("servo6")
     log = recorded(with_effect(of, effect), small(of, motion), 3)
     assert gate(of, [log], family=family).refusal is None
@@ -87,7 +87,7 @@ def test_a_spring_hides_no_wrong_unit() -> None:
     ids=["lift", "elbow", "pull"],
 )
 def test_what_the_file_states_is_part_of_the_model(effect: ArmEffect) -> None:
-    """25 N m/rad are more than gravity does at a joint of an arm of 4 kg."""
+    """At a joint of a 4 kg arm, 25 N m/rad exceeds gravity."""
     of = with_effect(arm("servo6"), effect)
     log = recorded(of, within(of, fourier_motion(of, 31, 20.0, 100.0)), 3)
     assert gate(of, [log], family=family).refusal is None
@@ -104,7 +104,7 @@ def test_a_spring_hides_no_exchanged_columns() -> None:
 
 
 def test_torques_that_are_missing_at_the_joint_in_question_are_no_crash() -> None:
-    """A reversed joint shows at the others too, so that it is asked about although its own torque is not known throughout."""
+    """A reversed joint also affects the others, so it is examined although part of its own torque is missing."""
     of = arm("ur10e")
     log = recorded(of, within(of, fourier_motion(of, 31, 20.0, 100.0)), 3)
     q, dq, tau, current = log.q.copy(), log.dq.copy(), log.tau.copy(), np.full_like(log.current, np.nan)

@@ -1,4 +1,4 @@
-"""Speed against position: columns, signs and units are distinguished, a filtered speed is none of them; laws are no mark of a wrong column."""
+"""Speed against position: columns, signs and units are distinguished; scaled speeds and laws do not count as exchanged."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def log_of(arm: Arm, seed: int, seconds: float = 12.0) -> Log:
 
 
 def words(arm: Arm, log: Log) -> list[str]:
-    """What the check of speed against position would correct, best first; none where it passes."""
+    """Corrections that the check of speed against position offers, best first; empty if it passes."""
     check, _ = speed(arm, signals([log], [log.tau]), massive=True)
     assert check.ok == (not check.causes)
     return [c.word(arm.joint_names) for cause in check.causes for c in cause.corrections]
@@ -45,7 +45,7 @@ def test_speeds_of_two_joints_in_each_others_columns(servo6: Arm) -> None:
 
 @pytest.mark.parametrize("factors", [(3.0, 3.0), (0.35, 3.0), (4.0, 0.3)])
 def test_a_speed_that_is_scaled_is_in_its_own_column(servo6: Arm, factors: tuple[float, float]) -> None:
-    """Two joints that move alike: the speed of each goes with the position of the other, too, and yet nothing is exchanged."""
+    """Two joints move alike, so the speed of each also matches the position of the other. Nothing is exchanged."""
     log = log_of(servo6, 42)
     q, dq = log.q.copy(), log.dq.copy()
     q[:, 3], dq[:, 3] = 0.2 + 0.5 * (q[:, 2] - 1.0), 0.5 * dq[:, 2]
@@ -63,7 +63,7 @@ def test_units_and_signs_of_a_speed(servo6: Arm) -> None:
 
 
 def with_laws(arm: Arm) -> Arm:
-    """Friction that a fit has found: with memory, and of the sign that drives with friction compensation report."""
+    """Fitted friction laws with memory, with the sign that drives with friction compensation report."""
     law = {p.name: 0.0 for p in effect_named("friction_law").parameters}
     for j, slip in {3: -3.0, 4: -6.0, 5: 6.0}.items():
         arm = with_effect(arm, ArmEffect("friction_law", arm.joint_names[j], law | {"slip_1e-1": slip}))

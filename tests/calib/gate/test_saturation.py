@@ -1,4 +1,7 @@
-"""A drive at its limit can look like exchanged columns: where commands show it, its rows are left out; elsewhere it is named beside them."""
+"""A drive at its limit can look like exchanged columns.
+
+If commands show the limit, its rows are left out; otherwise it is named beside exchanged columns.
+"""
 
 from __future__ import annotations
 
@@ -70,7 +73,7 @@ def test_a_drive_at_its_limit_is_not_taken_for_exchanged_columns() -> None:
 
 
 def lifted_by_too_little(arm: Arm) -> Log:
-    """Each joint in turn moves, half a minute in all; the shoulder's drive gives 6 of the 7.3 N m that hold the arm."""
+    """Each joint moves in turn, 36 s in all. The shoulder's drive gives 6 of the 7.3 N m that hold the arm."""
     home, rate = np.array([0.0, -0.9, 1.0, -1.5, -1.5, 0.0]), 100
     plant = Plant(with_effect(arm, ArmEffect("torque_saturation", "shoulder_lift_joint", {"limit": 6.0})), arm, seed=3)
     plant.reset(home)

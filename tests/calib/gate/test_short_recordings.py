@@ -1,4 +1,4 @@
-"""Short recordings: how much motion a diagnosis needs, and that a few seconds are not taken for readings of another kind."""
+"""Short recordings: the motion that a diagnosis needs, and a few seconds that are not reported as wrong readings."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def test_seconds_of_motion_are_counted() -> None:
     refusal = gate(of, [short], least_motion=5.0).refusal or ""
     assert "record a longer one" in refusal
     assert gate(of, [log], least_motion=20.0).refusal is None
-    gappy = np.arange(len(log)) % 7 != 3  # gaps of a sample cost nothing but themselves
+    gappy = np.arange(len(log)) % 7 != 3  # gaps of one sample cost only that sample
     assert gate(of, [replace(log, **{name: getattr(log, name)[gappy] for name in ("t", "t_host", "q", "dq", "tau", "current",
                      "temperature", "q_cmd", "dq_cmd", "tau_cmd")})], least_motion=20.0).refusal is None  # fmt: skip
 
@@ -50,7 +50,7 @@ def test_motion_of_several_recordings_counts_together() -> None:
 
 @pytest.mark.parametrize(("name", "since", "until"), [("ur5e 1", 0.0, 4.0), ("servo6 2", 1.5, 3.0), ("ur10e 3", 4.5, 6.0)])
 def test_a_short_part_of_a_good_recording_is_not_refused(name: str, since: float, until: float) -> None:
-    """Joints that move one way alone, whose dry friction is an offset, and joints that hardly move."""
+    """Joints that move in one direction only, whose dry friction is an offset, and joints that hardly move."""
     of, log = base(name)
     assert gate(of, [part(log, since, until)], family=family).refusal is None
 

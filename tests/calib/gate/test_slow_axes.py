@@ -1,4 +1,4 @@
-"""Slides, and axes that hardly move: what is slow in metres a second is no wrong clock."""
+"""Linear axes and axes that hardly move: a low speed in m/s is not mistaken for a wrong clock."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def gantry(tmp_path_factory: pytest.TempPathFactory) -> Arm:
 
 
 def motion(fastest: float, seed: int) -> Trajectory:
-    """Five harmonics of 20 s on each axis, `fastest` m/s at the most."""
+    """Five harmonics in 20 s on each axis, with a peak speed of `fastest` m/s."""
     t, w = np.arange(0.0, 20.0, 0.01), 2 * np.pi * np.arange(1, 6) / 20.0
     a, b = np.random.default_rng(seed).standard_normal((2, 5, 3))
     sin, cos = np.sin(t[:, None] * w), np.cos(t[:, None] * w)
@@ -67,7 +67,7 @@ def motion(fastest: float, seed: int) -> Trajectory:
 
 @pytest.mark.parametrize("fastest", [0.002, 0.0105, 0.011, 0.012, 0.013, 0.016, 0.02, 0.03, 0.1])
 def test_a_slow_slide_is_no_other_clock_and_no_other_column(gantry: Arm, fastest: float) -> None:
-    """Little faster than half of 0.02 m/s, only its peaks counted as motion, and their noise was explained by some shift or exchange."""
+    """Just above 0.01 m/s only the peaks counted as motion, and some shift or exchange explained their noise."""
     for seed in range(8):
         assert gate(gantry, [recorded(gantry, motion(fastest, seed), seed)]).refusal is None
 

@@ -1,4 +1,4 @@
-"""What a fit absorbs of the noise is given back: stated deviations are those that noise of the same colour makes."""
+"""Stated standard deviations match the scatter under noise of the same colour: noise that the fit absorbs is added back."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def rows(ur5e: Arm) -> RegressorRows:
 
 
 def scatter(arm: Arm, rows: RegressorRows, weights: Reference) -> np.ndarray:
-    """(p,) standard deviation of the estimate over draws of the noise that `recorded` adds, under these weights."""
+    """Standard deviation (p,) of the estimate with these weights, over draws of the noise that `recorded` adds."""
     rng, p = np.random.default_rng(5), rows.model.p
     information, score = np.zeros((p, p)), np.zeros((p, DRAWS))
     for block in rows:
@@ -103,13 +103,13 @@ def test_a_slow_error_that_comes_again_is_not_whitened_away(ur5e: Arm) -> None:
     assert not bent.weights.noise.ar[1].any()
     assert sound.weights.noise.ar.any(axis=1).all()
     assert "shoulder_lift_joint: the low-frequency residual repeats in every log" in " ".join(findings(ur5e, bent))
-    # the doubt of what rests on that joint's rows is larger for the error's colour
+    # coloured error makes the parameters that depend on that joint's rows less certain
     k = bent.model.friction_column("coulomb", 1)
     assert bent.solution.covariance[k, k] > 4 * sound.solution.covariance[k, k]
 
 
 def test_logs_that_do_not_stand_alone_decide_nothing(ur5e: Arm) -> None:
-    # one log moves the wrist only: a fit of it alone says nothing of how the other should be weighed
+    # one log moves the wrist only: its own fit does not show how to weight the other log
     whole = fourier_motion(ur5e, 1, rate=125.0)
     still = np.concatenate([np.zeros(3), np.ones(3)])
     wrist = Trajectory(whole.t, whole.q[0] + still * (whole.q - whole.q[0]), still * whole.dq, still * whole.ddq)

@@ -1,4 +1,4 @@
-"""Advice: the motion that is named makes known what it names, and a well-recorded arm needs none."""
+"""The advised motion determines the parameters that it names, and a well-recorded arm needs no advice."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ NARROW = Options(slip_width=1e-4, cutoff=8.0)
 
 
 def slow_motion(arm: Arm) -> Trajectory:
-    """Thirty seconds in which inertia hardly shows."""
+    """Thirty seconds of motion in which inertia hardly shows."""
     motion = random_fourier(Basis(3, 30.0), HOME, np.random.default_rng(2))
     speed = np.abs(motion.sampled(20.0).dq).max(axis=0)
     return Fourier(motion.basis, HOME, motion.x * (0.15 * arm.dq_max / speed)[:, None]).sampled(200.0)
@@ -48,7 +48,7 @@ def test_the_motion_that_is_named_helps_as_it_says(ur5e: Arm) -> None:
     assert "fast" in item.motion
     assert item.path is not None
     assert "Ia_3" in sentence(item, most=99)
-    # the same path at the arm's rate, every joint that stands nudged so that nothing is missing in the fit
+    # the same path at the arm's rate
     t = np.arange(0.0, item.path.t[-1], 1 / 200.0)
     spline = CubicHermiteSpline(item.path.t, item.path.q, item.path.dq)
     path = Trajectory(t, spline(t), spline(t, 1), spline(t, 2))

@@ -1,4 +1,4 @@
-"""The calibrated arm holds what was fitted, and of the nominal arm only what was not."""
+"""The calibrated arm holds every fitted value, and nominal values only for what was not fitted."""
 
 from __future__ import annotations
 

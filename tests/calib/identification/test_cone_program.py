@@ -1,4 +1,4 @@
-"""The cone program ends where cvxpy, which states the same program in its own way, ends."""
+"""The cone program has the solution that cvxpy finds for an independent statement of it."""
 
 from __future__ import annotations
 

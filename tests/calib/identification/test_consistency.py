@@ -1,4 +1,4 @@
-"""The nearest arm that can exist explains what the data know, also where they know single parameters badly."""
+"""The nearest physically consistent arm predicts as well as the data allow, even if single parameters are poorly known."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Estimates drawn to the nominal arm: much where a log says little, not where it says much or where the arm's numbers are wrong."""
+"""Shrinkage to the nominal arm: strong where a log shows little, weak where it shows much or nominal values are wrong."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ ARM = load_arm("ur10e")
 
 
 def drawn(true: np.ndarray, std: float, seed: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """An estimate of `true` with that error, what is made of it about a nominal value of zero, and its covariance."""
+    """An estimate of `true` with that error, its posterior about a nominal value of zero, and the posterior covariance."""
     theta = true + std * np.random.default_rng(seed).standard_normal(len(true))
     return theta, *posterior(theta, std**2 * np.eye(len(true)), np.zeros(len(true)), [np.eye(len(true))])
 

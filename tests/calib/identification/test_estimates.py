@@ -1,4 +1,4 @@
-"""What a table says of a parameter and what the summary counts are one rule."""
+"""The parameter table and the summary count apply the same rule of identifiability."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ INERTIA = 0.03
 
 
 def test_a_free_shafts_reflected_inertia_is_identified_in_the_table_as_in_the_summary(tmp_path: Path) -> None:
-    """A drive without stated limits: the shaft's own inertia beside it is known, so that the one is as identified as their sum."""
+    """A drive without stated limits. The shaft's inertia is known, so reflected inertia is as identified as their sum."""
     arm = drive_arm("bench", "joint1", None, False, tmp_path)
     rng, t = np.random.default_rng(1), np.arange(0.0, 20.0, 0.004)
     w, phase = 2 * np.pi * np.array([0.31, 0.73, 1.1]), rng.uniform(0, 2 * np.pi, 3)

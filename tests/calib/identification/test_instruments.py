@@ -1,4 +1,4 @@
-"""The commanded motion as instrument: noise of the positions is noticed and overcome, and nothing is noticed where there is none."""
+"""The commanded motion as an instrument: position noise is detected and overcome, and is not detected where there is none."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def test_the_delay_of_the_command_is_found(ur5e: Arm) -> None:
 
 @pytest.mark.parametrize("wanted", ["constant", "beyond all measure", "another motion"])
 def test_a_command_that_says_nothing_of_the_motion_is_no_instrument(ur5e: Arm, wanted: str) -> None:
-    """Of a channel that was never filled, or holds nonsense: least squares stay, and nothing ends as a fault."""
+    """A command channel that was never filled or holds nonsense: least squares is kept, and no exception is raised."""
     log = recorded(ur5e, fourier_motion(ur5e, 1), 1)
     q_cmd = {
         "constant": np.full_like(log.q, 0.3),

@@ -1,4 +1,4 @@
-"""Friction with memory is found where it is hidden and nowhere else; the reading of the speed is the one that goes with the torque."""
+"""Friction with memory is found only where it is hidden, and the speed reading is the one that matches the torque."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def arm() -> Arm:
 
 
 def with_hysteresis(arm: Arm, level: float) -> Arm:
-    """Dry friction of the elbow that builds up over 0.03 rad."""
+    """The elbow with dry friction that builds up over 0.03 rad."""
     law = {p.name: 0.0 for p in effect_named("friction_law").parameters} | {"slip_3e-2": level}
     return with_effect(arm, ArmEffect("friction_law", arm.joint_names[JOINT], law))
 
@@ -63,7 +63,7 @@ def test_an_arm_without_memory_gets_no_law(arm: Arm) -> None:
 
 @pytest.mark.parametrize("drives", [False, True])
 def test_friction_that_falls_with_speed_drives_no_joint_unless_the_readings_do(arm: Arm, drives: bool) -> None:
-    """Friction that falls from its level at rest has a law without negative damping; a torque against which the joint moves by itself needs it."""
+    """Friction that decreases from its level at rest needs no negative damping. A torque that drives the joint does."""
     level, joint = 4.0, arm.joint_names[5]
     terms = {"slip_1e-4": level / 4, "power_1": -level} if drives else {"stribeck_0.4": level}
     law = {p.name: 0.0 for p in effect_named("friction_law").parameters} | terms
@@ -77,7 +77,7 @@ def test_friction_that_falls_with_speed_drives_no_joint_unless_the_readings_do(a
 
 @pytest.mark.parametrize("compensated", [False, True])
 def test_a_reading_without_the_compensated_friction_is_reported(arm: Arm, compensated: bool) -> None:
-    """The controller adds 6 N m s/rad of its own, which its reading leaves out; without masses, no other reading fits better."""
+    """The controller compensates 6 N m s/rad, which its reading leaves out. Without masses, no other reading fits better."""
     arm = replace(arm, prior=arm.prior.model_copy(update={"numbers": "unknown"}))
     joint, added = 5, 6.0
     truth, logs = varied(arm, 5, 0.03), []
@@ -116,7 +116,7 @@ def test_growth_is_negative_damping_over_the_joints_own_inertia(arm: Arm) -> Non
 
 @pytest.mark.parametrize("better", ["measured", "position"])
 def test_the_speed_reading_that_goes_with_the_torque(arm: Arm, better: str) -> None:
-    """Coarse encoders spoil differences of the position; a drive's speed that lags by 40 ms spoils the reading."""
+    """Coarse encoders spoil differences of the position. A drive's speed that lags by 40 ms spoils the speed reading."""
     model = TorqueModel.of_arm(arm)
     logs = logs_of(varied(arm, 6, 0.03), arm)
     if better == "measured":
@@ -130,7 +130,7 @@ def test_the_speed_reading_that_goes_with_the_torque(arm: Arm, better: str) -> N
 
 @pytest.mark.parametrize(("step", "best"), [(1e-6, 20.0), (4e-3, 8.0)])
 def test_the_cutoff_with_which_parts_left_out_are_predicted(arm: Arm, step: float, best: float) -> None:
-    """A coarse encoder's noise is differentiated twice: below 8 Hz there is least of it. A fine one's motion is taken as it is."""
+    """A coarse encoder's noise is differentiated twice, so 8 Hz is best. A fine encoder needs no stronger filter."""
     model = TorqueModel.of_arm(arm)
     logs = [recorded(varied(arm, 6, 0.03), fourier_motion(arm, 60 + k, seconds=4.0, rate=500.0), k) for k in range(2)]
     logs = [replace(log, q=np.round(log.q / step) * step) for log in logs]
@@ -139,7 +139,7 @@ def test_the_cutoff_with_which_parts_left_out_are_predicted(arm: Arm, step: floa
 
 
 def test_a_law_predicts_the_torque_as_it_was_read(arm: Arm) -> None:
-    """Filtered rows take terms of both signs that add up to a spike at every reversal; the samples refuse them."""
+    """Filtered rows admit terms of both signs that add up to a spike at every reversal. The samples reject them."""
     truth = varied(arm, 7, 0.03)
     log = recorded_on_mock(truth, arm, fourier_motion(arm, 60, seconds=8.0), 1)
     model = TorqueModel.of_arm(arm)
@@ -153,7 +153,7 @@ def test_a_law_predicts_the_torque_as_it_was_read(arm: Arm) -> None:
 
 
 def test_a_law_does_not_build_up_far_beyond_what_slides() -> None:
-    """A log in which terms of both signs, many times the joint's dry friction, predict rows and samples better, and new motions worse."""
+    """In this log terms of both signs, many times the dry friction, predict rows and samples better and new motions worse."""
     ur10e = load_arm("ur10e")
     truth = varied(ur10e, 7)
     truth = replace(truth, effects=tuple(e for e in truth.effects if e.effect != "torque_offset"))
@@ -173,7 +173,7 @@ def test_next_to_no_friction_builds_up_over_nothing() -> None:
 def test_a_law_is_kept_only_where_every_joint_is_explained_as_well(
     arm: Arm, monkeypatch: pytest.MonkeyPatch, wrong_by: float, kept: bool
 ) -> None:
-    """A law that helps its joint, beside parameters with too much friction at another one."""
+    """The law helps its own joint, beside parameters with too much friction at another joint."""
     other = arm.joint_names[1]
 
     def fitted(model: TorqueModel, *rest: Any) -> list[Laws]:

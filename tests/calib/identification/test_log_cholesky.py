@@ -1,4 +1,4 @@
-"""Every ten numbers are a body; every body has its ten numbers; and the nearest body is the nearest."""
+"""Any ten coordinates are a physically consistent body, every such body has coordinates, and the nearest body is found."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a page draws of an identification is what its tables say."""
+"""The curves on the page of an identification agree with its tables."""
 
 from __future__ import annotations
 

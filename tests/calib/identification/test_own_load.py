@@ -1,4 +1,4 @@
-"""The torque constant of a drive on a bench, from the gravity of the load that it carries."""
+"""The torque constant of a drive on a bench, from the gravity of its load."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is not stated is not known: friction that an arm file calls unknown, or has no number for, is free in every prior."""
+"""Friction that an arm file lists as unknown, or gives no number for, is free in every prior."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def arm() -> Arm:
 
 
 def deviations(arm: Arm, kind: str) -> np.ndarray:
-    """(n,) standard deviations of a kind of parameter before any data."""
+    """Standard deviations (n,) of a kind of parameter before any data."""
     model = TorqueModel.of_arm(arm)
     covariance = np.linalg.inv(nominal_prior(arm, model).precision)
     return np.sqrt([covariance[k, k] for k in (model.friction_column(kind, j) for j in range(arm.n))])
@@ -43,7 +43,7 @@ def test_unknown_friction_is_free_whatever_number_stands_in_the_file(arm: Arm) -
 
 
 def test_an_arm_without_friction_in_its_file_states_none(arm: Arm) -> None:
-    """Before, a share of zero: friction that is not in the file was certain not to be there."""
+    """Formerly its std was a share of zero, so friction absent from the file was certain to be zero."""
     bare = replace(arm, effects=())
     np.testing.assert_allclose(deviations(bare, "coulomb"), FRICTION_SHARE * torque_scale(arm))
 

@@ -1,4 +1,4 @@
-"""The slip width is that of all recordings, not of the first one."""
+"""The slip width depends on all recordings, not only on the first one."""
 
 from __future__ import annotations
 

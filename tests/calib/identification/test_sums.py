@@ -1,4 +1,4 @@
-"""Sums over rows: the same whatever the portions and their order, and kept so that finished work is not done again."""
+"""Sums over rows do not depend on portions or order, and stored sums are not computed again."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from tests.calib.conftest import fourier_motion, recorded, varied
 
 
 def joined(logs: list[Log]) -> Log:
-    """Recordings one after the other as one, 0.1 s apart."""
+    """Recordings joined into one, 0.1 s apart."""
     t, end = [], 0.0
     for log in logs:
         t.append(log.t + end)
@@ -93,7 +93,7 @@ def test_sums_survive_a_file(ur5e: Arm, logs: list[Log]) -> None:
 
 
 def test_rows_over_bridged_gaps_are_less_sure_than_measured_ones(ur5e: Arm, logs: list[Log]) -> None:
-    """Two of a hundred samples lost at one place, with torque noise as large as the torque's own change: less weight there and nowhere else."""
+    """Two samples are lost at one place. Rows there get less weight, and earlier rows are unchanged."""
     lost = np.ones(len(logs[0]), dtype=bool)
     lost[700:702] = False
     names = ("t", "t_host", "q", "dq", "tau", "current", "temperature", "q_cmd", "dq_cmd", "tau_cmd")
@@ -117,7 +117,7 @@ def test_rows_over_bridged_gaps_are_less_sure_than_measured_ones(ur5e: Arm, logs
     other._kept = [without]
     np.testing.assert_allclose(
         summed(rows, weights).white[1].gram, summed(other, weights).white[1].gram, rtol=1e-4, atol=1e-4
-    )  # a row of which nothing is known weighs as much as none
+    )  # a row of unlimited doubt has no weight
 
 
 def test_what_is_kept_depends_on_the_speed_that_was_read(ur5e: Arm, logs: list[Log]) -> None:

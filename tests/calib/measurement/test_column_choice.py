@@ -1,4 +1,4 @@
-"""What options state of a table's columns stands, and the rest is guessed around it."""
+"""Columns that options state are used as stated, and the others are guessed around them."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def test_a_joint_without_a_column_keeps_its_place() -> None:
 
 
 def test_what_is_stated_is_taken_for_nothing_else() -> None:
-    """A torque that is stated is no current; what else is guessed is as without it: an angle that starts again keeps its turn."""
+    """A torque that is stated is not also read as current. The rest is guessed as before: a wrapped angle keeps its turn."""
     wrapped = (30 * T + np.pi) % (2 * np.pi) - np.pi
     table = Table({"t": T, "q1": wrapped, "i1": np.sin(T)}, np.arange(len(T)))
     found, _, _ = chosen_map(table, None, ["tau=i1:mNm"], None, None, None, None)

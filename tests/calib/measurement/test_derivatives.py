@@ -1,4 +1,4 @@
-"""Windows that differentiate: exact where they claim to be, and what is between samples is not lost before they see it."""
+"""Derivative filters are exact in their pass band, and resampling loses no motion between samples."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def test_the_polynomial_is_quieter_and_loses_acceleration_at_the_top_of_its_band
 
 
 def test_motion_between_samples_is_as_good_as_a_sample() -> None:
-    """At 125 Hz and 7 Hz, readings that lie nowhere near the grid."""
+    """At 125 Hz, a 7 Hz motion whose readings lie off the grid."""
     rate, rng = 125.0, np.random.default_rng(0)
     t = np.arange(1000) / rate + 0.3 / rate * rng.uniform(-1, 1, 1000)
     wave = np.sin(2 * np.pi * 7.0 * t)[:, None]

@@ -1,3 +1,5 @@
+"""Gaps that the following error shows: size and standard deviation, and recordings that show none."""
+
 from __future__ import annotations
 
 from dataclasses import replace
@@ -24,9 +26,9 @@ def arm() -> Arm:
 
 
 def commanded(arm: Arm, log: Log, gap: float, seed: int = 5, late_by: float = 0.0, load: np.ndarray | None = None) -> Log:
-    """A drive of finite stiffness that is 8 ms late, with correlated errors; the first joint's motor crosses a gap within 40 ms.
+    """A drive of finite stiffness, 8 ms late, with correlated errors; the first joint's motor crosses a gap within 40 ms.
 
-    late_by: s by which it crosses later; load (N, n) N m through the gears, where the arm alone does not make it.
+    late_by: s by which it crosses later. load: (N, n) N m through the gears, if not that of the arm alone.
     """
     rng = np.random.default_rng(seed)
     ddq = np.gradient(log.dq, log.t, axis=0)

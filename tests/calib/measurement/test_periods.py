@@ -1,4 +1,4 @@
-"""A motion that repeats itself is averaged over its periods; one that only looks like it is left as it was."""
+"""A motion that repeats is averaged over its periods, and one that only seems to repeat is left unchanged."""
 
 from __future__ import annotations
 

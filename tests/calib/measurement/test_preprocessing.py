@@ -1,4 +1,4 @@
-"""Log -> measurement: what is differentiated, what is left out, what is refused."""
+"""From log to measurement: what is differentiated, left out and refused."""
 
 from __future__ import annotations
 
@@ -120,7 +120,7 @@ def test_filters_pass_what_is_slow_and_stop_what_is_fast() -> None:
 
 @pytest.mark.parametrize(("lost", "stretches"), [(8, 1), (9, 1), (11, 2), (40, 2)])
 def test_gaps_of_up_to_ten_milliseconds_are_bridged_and_longer_ones_cut(lost: int, stretches: int) -> None:
-    """At 1 kHz `lost` samples in a row are missing: the motion between its neighbours is known as well as a reading, up to 10 ms."""
+    """At 1 kHz, `lost` samples in a row are missing. Up to 10 ms the motion between the neighbours is as good as a reading."""
     t, q = sine(6.0, rate=1000.0)
     keep = np.ones(len(t), dtype=bool)
     keep[3000 : 3000 + lost] = False
@@ -146,7 +146,7 @@ def test_at_a_slow_rate_a_gap_counts_in_samples(rate: float) -> None:
 
 
 def test_bridged_rows_are_as_wrong_as_stated() -> None:
-    """Torque with content up to 15 Hz at 500 Hz, three samples lost every 0.3 s: the error that this adds to the rows, against its variance."""
+    """Torque up to 15 Hz at 500 Hz loses three samples every 0.3 s. The added error of the rows matches its stated variance."""
     rng = np.random.default_rng(3)
     t, q = sine(60.0)
     tau = 20 * q + DerivativeFilter.of_bandwidth(500.0, 15.0).derivative(rng.normal(size=q.shape) * 10, 0)

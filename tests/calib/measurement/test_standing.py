@@ -1,4 +1,4 @@
-"""Pushes against a standing arm: what dry friction cannot hide is found with its time, and nothing else is."""
+"""Pushes against a standing arm: a push that exceeds dry friction is found with its time, and nothing else is."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def arm() -> Arm:
 
 
 def standing(arm: Arm, force: np.ndarray, start: float = START, end: float = END, drift: float = 0.0) -> Log:
-    """An arm that holds POSE while a force (3,) N pushes its last link: its drives answer, it gives way by a milliradian."""
+    """The arm holds POSE while a force (3,) N pushes its last link. Its drives react, and it yields by a milliradian."""
     t = np.arange(0.0, SECONDS, 1 / RATE)
     rng = np.random.default_rng(3)
     shape = np.where((t > start) & (t < end), np.clip((t - start) / 0.1, 0, 1) * np.clip((end - t) / 0.1, 0, 1), 0.0)[:, None]
@@ -143,7 +143,7 @@ def test_a_watch_reports_it(arm: Arm, force: np.ndarray, together: bool) -> None
         events += watcher.add(JointState(t, t, log.q[k], log.dq[k], log.tau[k], log.current[k], log.temperature[k]))
     assert [e.kind for e in events] == [Kind.UNEXPECTED_CONTACT, Kind.CONTACT_ENDED]
     assert all(e.began[0] == pytest.approx(START, abs=0.1) for e in events)
-    # a weight may stay, so it is no push before it is gone
+    # a weight may stay, so it counts as a push only once it is gone
     assert (events[0].t == events[1].t) == together
     assert events[0].t < START + 0.5 or together
     assert "pushes the standing arm" in events[0].message

@@ -39,7 +39,7 @@ def chirps(seconds: float = 30.0, finest: float = 4000.0) -> Trajectory:
 
 
 def delayed(arm: Arm, motion: Trajectory, delay: float, seed: int) -> Log:
-    """What is read at RATE where the torque channel lags by `delay`, with noise and samples a little off the grid."""
+    """Readings at RATE with noise, slightly off the grid; the torque channel lags by `delay`."""
     rng = np.random.default_rng(seed)
     torque = predict(arm, motion)
     t = np.arange(0.02, motion.t[-1] - 0.02, 1 / RATE)
@@ -77,7 +77,7 @@ def test_whether_it_matters(motion: Trajectory) -> None:
 def test_a_log_in_which_nothing_moves_cannot_tell(motion: Trajectory) -> None:
     arm = load_arm("ur5e")
     still = replace(motion, q=np.tile(motion.q[:1], (len(motion), 1)), dq=0 * motion.dq, ddq=0 * motion.ddq)
-    with pytest.raises(BadLog):
+    with pytest.raises(BadLog, match="no joint moves long and fast enough"):
         torque_delay(delayed(arm, still, 0.0, seed=3), arm)
 
 
@@ -85,7 +85,7 @@ def test_a_log_in_which_nothing_moves_cannot_tell(motion: Trajectory) -> None:
 def test_a_drive_that_answers_the_ripple_of_its_gears_is_not_early(
     delay: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A closed loop around an arm of another form than the model: what the drive does about the ripple is in the motion and in the torque."""
+    """In closed loop with a mismatched model, the drive's reaction to the gear ripple appears in both motion and torque."""
     nominal = write_model("servo6", tmp_path / "arm.xml")
     rng, hardware = np.random.default_rng(5), HARDWARE["servo6"]
     home = motions.draw_home(rng)

@@ -1,4 +1,4 @@
-"""A law goes to the joint that has one, and to no other; what helps in one part only is no law."""
+"""Only a joint with a law gets one, and structure in a single part is not a law."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def test_the_law_is_found_where_it_is(seed: int) -> None:
     np.testing.assert_allclose(found.theta, theta, atol=0.1)
     assert found.predicted[0] == pytest.approx(0.5, rel=0.1)
     assert found.plain[0] > 2 * found.predicted[0]
-    # the stated covariance is that of the noise: parameters lie within a few of their deviations
+    # the stated covariance matches the noise: parameters lie within five of their standard deviations
     assert np.all(np.abs(found.theta - theta) < 5 * np.sqrt(np.diag(found.covariance)))
 
 

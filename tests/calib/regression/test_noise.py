@@ -1,4 +1,4 @@
-"""Noise of any order is whitened from the first row of a stretch on, found again from its own series, and given back where a fit took it up."""
+"""Noise models of any order: filtering to white noise, estimation from a series, and restoring noise that a fit absorbed."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def test_outliers_do_not_widen_it() -> None:
 
 
 def test_what_a_fit_takes_up_is_given_back() -> None:
-    # slow columns take up most of what is slow in the noise: a residual that looks smaller and whiter than the noise is
+    # slow columns absorb most of the slow noise, so the residual is smaller and whiter than the noise
     rows, rng = 600, np.random.default_rng(1)
     t = np.arange(rows) / rows
     x = np.column_stack([f(2 * np.pi * k * t) for k in range(1, 31) for f in (np.sin, np.cos)])

@@ -1,4 +1,4 @@
-"""What was kept of a recording is used again only for the same samples."""
+"""Stored results of a recording are used again only for the same samples."""
 
 from __future__ import annotations
 

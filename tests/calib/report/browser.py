@@ -1,4 +1,4 @@
-"""What a browser saw of a page."""
+"""The state of a page in a browser."""
 
 from dataclasses import dataclass, field
 from typing import Any
@@ -6,7 +6,7 @@ from typing import Any
 
 @dataclass
 class Visit:
-    """A page as a browser has it open, and everything that it complained of or requested."""
+    """A page open in a browser, with the complaints and requests that it caused."""
 
     page: Any
     complaints: list[str] = field(default_factory=list)

@@ -9,7 +9,7 @@ import pytest
 
 from tests.calib.report.browser import Visit
 
-# what a software WebGL says when a test reads its pixels back; a page cannot cause or avoid it
+# A software WebGL logs this when a test reads its pixels back; a page can neither cause nor avoid it.
 READBACK = "GPU stall due to ReadPixels"
 SCREENSHOTS = Path(__file__).resolve().parents[3] / "build" / "screenshots"
 
@@ -28,7 +28,10 @@ def _browser() -> Iterator[Any]:
 
 @pytest.fixture
 def visit(_browser: Any) -> Iterator[Callable[..., Visit]]:
-    """Open a file: visit(path, dark=False, width=1280) -> Visit; `before` runs ahead of the page's own scripts; a screenshot stays in build/screenshots."""
+    """Open a file: visit(path, dark=False, width=1280) -> Visit.
+
+    `before` runs ahead of the page's own scripts. A screenshot is kept in build/screenshots.
+    """
     contexts = []
 
     def opened(path: Path, dark: bool = False, width: int = 1280, shot: str | None = None, before: str = "") -> Visit:

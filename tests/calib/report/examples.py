@@ -1,4 +1,4 @@
-"""Plain data as the commands hand it to the pages, made up but of the right shapes."""
+"""Made-up data for the pages, in the form that the commands pass."""
 
 from typing import Any
 
@@ -8,7 +8,7 @@ JOINTS = ["shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint", "wrist_1_j
 
 
 def motion(samples: int = 3000) -> dict[str, Any]:
-    """A held-out log in which the elbow's dry friction is 3 N m greater than the model says."""
+    """A held-out log in which the elbow's dry friction is 3 N m higher than in the model."""
     rng = np.random.default_rng(7)
     t = np.linspace(0, 30, samples)
     rate = 0.4 + 0.13 * np.arange(6)

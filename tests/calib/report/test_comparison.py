@@ -1,4 +1,4 @@
-"""`calib report` says what a run found, and what moved between two."""
+"""`calib report` shows what one run found, and what changed between two."""
 
 import json
 from collections.abc import Callable
@@ -67,7 +67,7 @@ def test_a_fit_and_a_diagnosis_share_no_parameter(tmp_path: Path) -> None:
     assert [c.name for c in changes] == ["m3 + m4", "coulomb", "coulomb_friction coulomb"]
     html = comparison.write(tmp_path / "p.html", a, b, changes).read_text()
     assert "The runs share no parameter" in html
-    # their residuals pass other filters
+    # their residuals pass different filters
     assert "residual RMS is" not in html
 
 

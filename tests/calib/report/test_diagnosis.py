@@ -1,4 +1,4 @@
-"""The diagnosis page says its verdict as a sentence, shows where and why, and opens in a real browser without a complaint."""
+"""The diagnosis page states its verdict as a sentence, shows where and why, and opens in a real browser without complaints."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -49,7 +49,7 @@ def test_the_verdict_is_a_sentence(verdict: str, words: str) -> None:
     ],
 )
 def test_an_effect_says_what_it_is_measured_by(more: dict[str, object], said: str, unsaid: str) -> None:
-    """A torque limit explains no share of a torque, nor need what another channel shows."""
+    """A torque limit explains no share of the torque residual, and an effect that another channel shows need not either."""
     data = examples.diagnosis()[0]
     data["effects"][0] |= more
     text = diagnosis.sentence(data)
@@ -103,7 +103,7 @@ def test_no_effect_is_missing_only_where_the_residual_is_near_the_noise(
 
 
 def test_only_the_residual_of_a_sliding_joint_is_compared_with_noise() -> None:
-    """About changes of direction dry friction holds any torque; a joint that never slides is not compared."""
+    """Around changes of direction dry friction holds any torque. A joint that never slides is not compared."""
     data, _ = examples.diagnosis("no_missing_effect")
     data["gap"] |= {
         "refit": [0.9] * 6,
@@ -145,7 +145,7 @@ def test_parameters_that_are_off_are_refitted_where_no_effect_is_missing() -> No
 
 
 def test_what_else_was_found_is_reported() -> None:
-    """Fitted laws with what they remove, refused effects, and parameters that a refit moves far; small moves are left out."""
+    """Fitted laws with their reduction, refused effects, and parameters that a refit moves far. Small moves are left out."""
     moves = [
         {"name": "mass", "joint": "elbow_joint", "from": 12.0, "to": 12.31, "unit": "kg", "prior_std": 0.05},
         {"name": "viscous friction", "joint": "elbow_joint", "from": 1.0, "to": 1.1, "unit": "N*m*s/rad", "prior_std": 0.0345},

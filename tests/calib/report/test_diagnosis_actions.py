@@ -1,4 +1,4 @@
-"""What a diagnosis shows first, its exit code, and whether its corrected arm is one to go on with."""
+"""What a diagnosis shows first, its exit code, and when its corrected arm is used further."""
 
 import pytest
 
@@ -24,7 +24,7 @@ def test_a_corrected_arm_is_one_that_an_effect_of_the_arm_has_changed() -> None:
 
 
 def test_a_refused_correction_is_no_agreement() -> None:
-    """Neither the verdict nor the next steps call a model right whose corrections were all refused."""
+    """If all corrections were refused, neither the verdict nor the next steps call the model right."""
     data = examples.diagnosis("no_missing_effect")[0] | {"refused": ["tilt raises the error of elbow_joint"], "arm_out": None}
     assert "does not agree" in diagnosis.sentence(data)
     assert (diagnosis.style(data), exit_code(data)) == ("open", 1)

@@ -1,4 +1,4 @@
-"""The interactive part of a page in a real browser: one cursor for curves and arm, zoom, keyboard, dark, narrow; nothing is fetched."""
+"""The explorer in a real browser: one cursor for curves and arm, zoom, keyboard, dark mode, narrow screens, and no requests."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def log(name: str, seconds: float, rows: int = 4000) -> dict[str, Any]:
     q = 0.5 * np.sin(np.outer(t, np.arange(1, 7)) / 3) + np.array([0, -1.4, 1.3, -1.4, -1.2, 0.3])
     dq = np.gradient(q, t, axis=0)
     tau = 30 * np.cos(q) + 4 * np.sign(dq) + RNG.normal(0, 0.3, q.shape)
-    # what the nominal arm is missing: a spring at the elbow
+    # the nominal arm has no spring at the elbow
     before = 30 * np.cos(q) + 4 * np.sign(dq)
     tau[:, 2] += 8 * (q[:, 2] - 1.3)
     after = tau - RNG.normal(0, 0.3, q.shape)

@@ -1,4 +1,4 @@
-"""The page of a fit is made from what the fit really returns, and opens in a real browser without a complaint."""
+"""The page of a fit is built from a FitResult and opens in a real browser without complaints."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -46,7 +46,7 @@ def test_a_fit_without_held_out_log_says_so(tmp_path: Path) -> None:
 
 
 def test_a_links_parameter_is_not_counted_as_a_base_parameter(tmp_path: Path) -> None:
-    """Of four base parameters all may be identified, and a link's mass not: the page says that they are two things."""
+    """All base parameters may be identified while a link's mass is not. The page distinguishes the two."""
     known = Estimate("m3 + m4", 4.2, 0.02, "kg", nominal=4.0)
     mass = Estimate("m_3", 2.0, 0.5, "kg", nominal=2.0, identifiable=False)
     page = replace(fit(), estimates=(known,), full=(mass,)).as_dict()

@@ -1,4 +1,4 @@
-"""A page is one safe file: escaped, without exceptions in its content policy, and the same for the same input."""
+"""A page is one safe file: escaped, with a strict content policy, and with a gap where data are missing."""
 
 import base64
 import hashlib
@@ -18,7 +18,7 @@ HOSTILE = "`</script><img src=x onerror=alert(1)> $\\frac{1}{0}$ & \"'"
 
 
 class Attributes(HTMLParser):
-    """Every attribute of a page, as a browser would see it."""
+    """Every attribute of a page, as a browser parses it."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -109,7 +109,7 @@ def test_write_returns_the_path(tmp_path: Path) -> None:
 
 
 def test_a_line_has_a_gap_where_time_has_one() -> None:
-    """Samples 2 s apart in a recording of 100 Hz are no neighbours."""
+    """Samples 2 s apart in a 100 Hz recording are not neighbours."""
     t = np.concatenate([np.arange(100) / 100, 3 + np.arange(100) / 100])
     _, grid = axes()
     draw_line(grid[0, 0], t, np.ones(len(t)))

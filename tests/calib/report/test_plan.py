@@ -29,7 +29,7 @@ class Motion:
 
 
 class Near:
-    """A forearm that comes closest to the table where the shoulder's angle is greatest."""
+    """A forearm that is closest to the table at the shoulder's greatest angle."""
 
     pairs = (("forearm", "table"), ("wrist_3", "base"))
     margin = np.array([0.02, 0.01])
@@ -48,7 +48,7 @@ class Near:
 
 
 class Kin(Near):
-    """Links two joints apart that need no margin are nearer than another pair, which has less room beyond its own."""
+    """Links two joints apart need no margin and are the nearest pair, although another pair has less room beyond its margin."""
 
     pairs = (("forearm", "wrist_2"), ("forearm", "wrist_3"))
     margin = np.array([0.0, 0.01])

@@ -1,4 +1,4 @@
-"""The sentence of the demo's tracking page says which joints follow worse, and where nothing was to be gained."""
+"""The sentence of the demo's tracking page names joints that follow worse, and states when nothing was to be gained."""
 
 from __future__ import annotations
 

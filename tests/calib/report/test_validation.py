@@ -1,4 +1,4 @@
-"""The page of a validation is made from what a validation returns, opens in a real browser and says what is left."""
+"""The page of a validation is built from its data, opens in a real browser and states the residual."""
 
 from collections.abc import Callable
 from pathlib import Path

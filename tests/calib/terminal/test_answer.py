@@ -1,4 +1,4 @@
-"""Work goes on where nobody can read of it, and the exit code says whether the answer was read."""
+"""Work continues when nobody can read its output, and the exit code states whether the answer was read."""
 
 import os
 import subprocess

@@ -1,4 +1,4 @@
-"""The cheat sheet names commands and options that there are, on one page of 80 columns."""
+"""The cheat sheet names existing commands and options, on one page of 80 columns."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Answers on standard output, everything else on standard error, and JSON that any parser reads."""
+"""Answers go to standard output, everything else to standard error, and JSON is strict."""
 
 import errno
 import io
@@ -133,7 +133,7 @@ def test_a_question_is_wrapped_and_keeps_the_space_before_its_answer(monkeypatch
 
 
 class Gone(io.StringIO):
-    """A stream whose reader has gone, or whose terminal was closed."""
+    """A stream whose reader has gone or whose terminal was closed."""
 
     def __init__(self, number: int) -> None:
         super().__init__()
@@ -148,5 +148,5 @@ def test_a_warning_that_nobody_can_read_ends_nothing(number: int, monkeypatch: p
     for name in ("stdout", "stderr"):
         monkeypatch.setattr(f"sys.{name}", Gone(number))
     console.warn("the arm is held")
-    with pytest.raises(OSError, match=os.strerror(number)):  # an answer that was not given is no success
+    with pytest.raises(OSError, match=os.strerror(number)):  # an answer that cannot be delivered is not a success
         console.say("the answer")

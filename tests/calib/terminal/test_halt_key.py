@@ -1,4 +1,4 @@
-"""The key that stops is read on a terminal without Enter, other keys are not, and the terminal is given back as it was."""
+"""The halt key is read on a terminal without Enter, other keys are ignored, and the terminal is restored."""
 
 import io
 import os
@@ -22,7 +22,7 @@ def terminal() -> Iterator[tuple[int, io.TextIOWrapper]]:
 
 
 def typed(key: HaltKey, master: int, what: bytes) -> str | None:
-    """Type `what`, and wait until the listener has read it."""
+    """Type `what` and give the listener time to read it."""
     with key:
         os.write(master, what)
         key._thread.join(0.5)
@@ -62,7 +62,7 @@ def test_what_is_no_terminal_is_not_listened_to() -> None:
 
 
 def test_in_the_background_of_a_terminal_the_run_goes_on_without_the_key() -> None:
-    """Whoever changes a terminal from its background is stopped by the system: as a recording before its motion, for ever."""
+    """The system stops a background process that changes its terminal; a recording would wait for ever before its motion."""
     code = (
         "import fcntl, os, sys, termios; from calib.terminal.halt_key import HaltKey\n"
         "fcntl.ioctl(0, termios.TIOCSCTTY, 0)\n"

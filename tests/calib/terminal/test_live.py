@@ -1,4 +1,4 @@
-"""The live view shows each joint against its limits, says what is lost and how to stop, and is plain lines where nobody looks."""
+"""The live view shows joints against their limits, lost frames and the keys that stop; without a terminal it prints lines."""
 
 import io
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""A recording that was cut short is refused by the commands, and used with --accept-partial, with its loss in plain sight."""
+"""Commands refuse a recording that ended early, accept it with --accept-partial, and use the arm that a recording holds."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ def test_a_recording_brings_its_arm(tmp_path: Path, monkeypatch: pytest.MonkeyPa
 
 
 def test_a_folder_and_capitals_are_a_recording_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """What the message about a missing recording promises; a folder hides no arm of its name."""
+    """Folders and names in capitals are accepted, as the message states. A folder does not hide an arm of its name."""
     monkeypatch.chdir(tmp_path)
     for name in ("bag", "servo6"):
         Path(name).mkdir()
@@ -192,7 +192,7 @@ def test_what_follows_a_validation_without_an_arms_name_can_be_typed(
 def test_a_command_that_cannot_read_its_recordings_makes_no_folder(
     words: list[str], out: str | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Else the corrected command would be refused: the folder that it names is a run already."""
+    """Otherwise the corrected command would be refused, because its folder would already be a run."""
     monkeypatch.chdir(tmp_path)
     shutil.copy(SAMPLES / "servo6_excitation.mcap", "a.mcap")
     Path("empty.csv").touch()

@@ -1,4 +1,4 @@
-"""A recording that is given to a command as it is: what was wrong with its samples is reported."""
+"""A command that reads a recording directly reports what is wrong with its samples."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ SAMPLES = Path(logs.__file__).parent / "samples"
 def test_samples_that_an_import_would_put_right_are_reported(
     what: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """A recording that is given to a command as it is: late stamps and samples that were sent twice are not passed over in silence."""
+    """Late stamps, repeated samples, losses and a change of rate are reported."""
     log, rng = logs.read_log(SAMPLES / "servo6_excitation.mcap"), np.random.default_rng(1)
     k = np.arange(len(log))
     t = log.t

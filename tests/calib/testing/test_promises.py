@@ -1,4 +1,4 @@
-"""The promise suites pass over everything of our own, and find what a careless stranger gets wrong."""
+"""The promise suites pass for everything in the package and detect what a careless implementation gets wrong."""
 
 from dataclasses import replace
 
@@ -38,7 +38,10 @@ def test_the_mock_keeps_every_promise_of_a_driver(arm):
 
 
 class Careless(Driver):
-    """Homes in connect, clamps, takes anything, repeats its last sample, raises in close, and needs no connection."""
+    """A faulty driver that homes in connect, clamps, accepts anything and repeats its last sample.
+
+    It raises in close and needs no connection.
+    """
 
     def __init__(self, arm):
         self.arm, self.rate, self.clock = arm, 500.0, SimulatedClock()
@@ -89,7 +92,7 @@ def test_a_careless_driver_is_found_out_in_every_place(arm):
 
 @pytest.mark.parametrize("name", ARMS)
 def test_every_shipped_arm_keeps_its_promises(name):
-    """Those of one family differ in numbers, so a motion is designed for two of them."""
+    """Arms of one family differ only in numbers, so a motion is designed for two arms."""
     assert_kept(check_arm(name, plan=name in ("servo6", "ur10e")))
 
 

@@ -1,4 +1,4 @@
-"""The simulated motion is near the recorded one with the right arm and far with a wrong one, over every horizon."""
+"""Over every horizon the simulated motion is close to the recorded one with the right arm and far from it with a wrong one."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def test_a_window_begins_as_warm_as_the_joints_are(ur5e: Arm, measured: bool) ->
     log = recorded(arm, fourier_motion(ur5e, 1, seconds=10.0), noise=0.2)
     m = prepare(log, ur5e)
     if measured:
-        share = np.full((len(log.t), ur5e.n), 0.8)  # of the way from cold to warm, all the time
+        share = np.full((len(log.t), ur5e.n), 0.8)  # constant share of the way from cold to warm
         m = replace(
             prepare(replace(log, tau=log.tau - predict(arm, m.trajectory) + predict(arm, m.trajectory, share)), ur5e),
             warming=share,
@@ -78,7 +78,7 @@ def test_a_recording_without_a_window_has_no_error(ur5e: Arm) -> None:
 def test_an_arm_whose_simulation_is_unstable_has_no_error(
     ur5e: Arm, capfd: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Friction that drives a light joint: no number is given for it, and MuJoCo writes neither to the terminal nor to a file."""
+    """With friction that drives a light joint, no number is given, and MuJoCo writes neither to the terminal nor to a file."""
     m = prepare(recorded(ur5e, fourier_motion(ur5e, 1, seconds=10.0), noise=0.2), ur5e)
     law = {p.name: 0.0 for p in effect_named("friction_law").parameters} | {"power_1": -400.0}
     driven = with_effect(ur5e, ArmEffect("friction_law", "wrist_3_joint", law))
@@ -113,7 +113,7 @@ def test_a_soft_joint_begins_under_its_load(ur5e: Arm) -> None:
 
 @pytest.mark.parametrize("joint", ["shoulder_pan_joint", "shoulder_lift_joint"])
 def test_a_joint_with_play_begins_against_its_stop(ur5e: Arm, joint: str) -> None:
-    """With gravity's load and without; the play changes the motion by no more than it is wide."""
+    """With and without gravity's load, the play changes the motion by at most twice its width."""
     m = prepare(recorded(ur5e, fourier_motion(ur5e, 1, seconds=10.0), noise=0.2), ur5e)
     loose = with_effect(ur5e, ArmEffect("backlash", joint, {"half_gap": 5e-4}))
     stiff, found = (forward_error(arm, m, FEW[0], ur5e) for arm in (ur5e, loose))
@@ -126,7 +126,7 @@ def test_a_joint_with_play_begins_against_its_stop(ur5e: Arm, joint: str) -> Non
 @pytest.mark.parametrize("direction", [1.0, -1.0])
 @pytest.mark.parametrize("soft", [False, True])
 def test_dry_friction_begins_as_the_motion_left_it(ur5e: Arm, direction: float, soft: bool) -> None:
-    """A law of one width and presliding friction resist the motion at once, on a gear that is twisted under its load too."""
+    """A law of one width and presliding friction resist the motion at once, also on a gear that is twisted under its load."""
     joint, j, level = "shoulder_lift_joint", 1, 20.0
     arm = with_effect(ur5e, ArmEffect("coulomb_friction", joint, {"coulomb": level}))
     arm = with_effect(arm, ArmEffect("presliding_friction", joint, {"stiffness": 2e4}))

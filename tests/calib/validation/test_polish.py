@@ -1,4 +1,4 @@
-"""A polish takes off what friction the simulated arm has too much, and changes nothing where that does not help unseen motion."""
+"""Polish removes excess friction of the simulated arm, and changes nothing that does not improve unseen motion."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def stiffer(arm: Arm, share: float) -> Arm:
 
 
 def test_slopes_of_the_errors_are_those_of_the_simulation(ur5e: Arm, recordings: list[Measurement]) -> None:
-    """To first order and with friction smoothed: a correction moves the ends of the windows the way that it moves the simulated arm."""
+    """To first order and with smoothed friction, the slopes predict how a correction moves the ends of the windows."""
     joint = ur5e.joint_names[1]
     shots = shots_of(ur5e, recordings[0], [("viscous_friction", joint)])
     assert len(shots.errors) > 10
@@ -73,7 +73,7 @@ def test_too_much_friction_is_taken_off(ur5e: Arm, recordings: list[Measurement]
 
 
 def test_what_does_not_help_unseen_motion_is_refused(ur5e: Arm, recordings: list[Measurement]) -> None:
-    """Recordings of a joint that was stiffer than the arm on the held-out one."""
+    """The fitted recordings have 50 % more friction at two joints than the held-out one."""
     misleading = [prepare(log_of(stiffer(ur5e, 0.5), seed), ur5e) for seed in (1, 2)]
     found = polish(ur5e, misleading, recordings[2:])
     assert not found.accepted
@@ -137,7 +137,7 @@ def test_the_command_writes_an_arm_only_where_it_moves_better(tmp_path: Path, mo
 
 
 def write_csv(log: Log, arm: Arm, file: Path) -> None:
-    """As a UR's own recorder writes it."""
+    """Write the log as a UR recorder does."""
     assert log.q is not None
     heads = [f"actual_{kind}_{j}" for kind in ("q", "qd", "current") for j in range(arm.n)]
     rows = np.column_stack([log.t, log.q, log.dq, log.tau / arm.torque_constant])

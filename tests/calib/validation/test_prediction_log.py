@@ -1,4 +1,4 @@
-"""The file for viewers: other readers decode it, its frames are the arm's, and its torques those of the validation."""
+"""The file for viewers: other readers decode it, its frames match the arm, and its torques match the validation."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Under computed torque an arm follows a motion as well as its controller's model is true."""
+"""Under computed torque, tracking improves with the accuracy of the controller's model."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Validation: a right arm predicts what was measured, a wrong one shows where it is wrong, by torque and by forward simulation."""
+"""Validation by torque and forward simulation: the right arm predicts the measurement, a wrong one shows its fault."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def test_sensor_effects_do_not_enter_the_simulation(ur5e: Arm) -> None:
 
 
 def test_a_joint_that_hardly_moves_is_not_compared(ur5e: Arm) -> None:
-    """Held joints give way by a thousandth of a radian, with any torque that their dry friction allows: they make no arm a wrong one."""
+    """Held joints give way by about a milliradian at any torque within their dry friction, and do not affect the verdict."""
     moved = fourier_motion(ur5e, 1, seconds=8.0)
     only = np.where(np.arange(6) == 2, 1.0, 5e-3)
     log = recorded(ur5e, replace(moved, q=moved.q[0] + only * (moved.q - moved.q[0]), dq=only * moved.dq, ddq=only * moved.ddq))

@@ -1,4 +1,4 @@
-"""Short shifts of simulated work: moves between random poses with pauses, as fast as the simulation runs."""
+"""Short simulated shifts: moves between random poses with pauses, run at full simulation speed."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def loaded(servo6: Arm) -> Arm:
 
 @pytest.fixture(scope="session")
 def shift(servo6: Arm, loaded: Arm) -> tuple[list[JointState], float, float]:
-    """34 s of servo6: 0.3 kg is attached in motion and taken off again; the readings and both instants."""
+    """34 s of servo6, in which 0.3 kg is attached and removed in motion: the readings and both times."""
     motion = work(servo6, 34.0, seed=0)
     on, off = moving_at(servo6, motion, 18.0), moving_at(servo6, motion, 26.0)
     return list(states(servo6, motion, 0, [(on, loaded), (off, servo6)])), on, off
@@ -41,13 +41,13 @@ def shift(servo6: Arm, loaded: Arm) -> tuple[list[JointState], float, float]:
 
 @pytest.fixture(scope="session")
 def calm(servo6: Arm) -> list[JointState]:
-    """20 s of servo6 at work, with nothing to find."""
+    """20 s of servo6 at work without any event."""
     return list(states(servo6, work(servo6, 20.0, seed=1), 1))
 
 
 @pytest.fixture(scope="session")
 def at_work(servo6: Arm, calm: list[JointState]) -> Callable[[], Watcher]:
-    """Watchers that have seen the first `AT` readings of `calm`, in which nothing happened."""
+    """Return a function that makes watchers which have seen the first `AT` readings of `calm` without an event."""
     watcher = Watcher(servo6, 200.0)
     assert [event for state in calm[:AT] for event in watcher.add(state)] == []
     return lambda: copy.deepcopy(watcher)

@@ -1,4 +1,4 @@
-"""The smoothed course of friction over the runs: a line where it is one, a bend where wear began, warmth taken out, an interval that covers."""
+"""Smoothed friction over runs: straight for steady wear, bent where wear begins, corrected for warmth, with an interval."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def runs(count: int, truth: np.ndarray, seed: int) -> tuple[np.ndarray, np.ndarr
 
 
 def bent(count: int) -> np.ndarray:
-    """Steady for two thirds of the time, then 4 % a day."""
+    """Constant for two thirds of the time, then rising by 4 % of the level a day."""
     day = np.arange(count + 1)
     return 10.0 + 0.4 * np.maximum(day - 2 * count / 3, 0.0)
 

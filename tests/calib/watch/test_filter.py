@@ -32,7 +32,7 @@ def test_a_step_is_filterpys(servo6: Arm) -> None:
         walk[-n:] = ours._slow * (1 - decay[-n:] ** 2)
         white = ours._white.copy()
         theirs.predict(F=np.diag(decay), Q=np.diag(walk))
-        # the load's own inertia is not linear: what the filter sees is the residual without it
+        # the load's own inertia is not linear, so the filter uses the residual without it
         left = ours.left(measured, theirs.x[:, 0])
         found = ours.add(measured, trust=True)
         if not used.any():
@@ -64,7 +64,7 @@ def test_a_row_far_off_loses_weight_and_one_that_is_trusted_does_not(servo6: Arm
 
 
 def test_friction_that_nobody_stated_has_an_ordinary_drives_prior(servo6: Arm) -> None:
-    """A model file's damping steadies a simulation; what the arm's prior calls unknown is no measure of its friction."""
+    """A model file's damping stabilises a simulation. It does not measure friction that the arm's prior lists as unknown."""
     n = servo6.n
     bare = replace(servo6, effects=(), prior=servo6.prior.model_copy(update={"unknown": ["coulomb", "viscous"]}))
     silent, damped = (TorqueFilter(bare, np.zeros(n), viscous, np.zeros(4)) for viscous in (np.zeros(n), np.full(n, 0.003)))

@@ -1,4 +1,4 @@
-"""A live watch refuses readings that cannot be the arm's, as soon as it has seen enough motion, and keeps nothing of them in the trend."""
+"""A live watch refuses readings that cannot be the arm's once it has enough motion, and keeps them out of the trend."""
 
 from __future__ import annotations
 
@@ -120,7 +120,7 @@ def test_the_arms_own_readings_pass_and_nothing_is_examined_again(
     found = watch(live(states_of(log)), tmp_path)
     assert found.seconds == pytest.approx(log.t[-1] - log.t[0])
     assert len(calls) == 1
-    # the watch went on while it was examined: not all of the log is in it
+    # the watch continues during the check, so not all of the log is in it
     assert calls[0] < len(log)
 
 
@@ -134,7 +134,7 @@ def test_an_arm_that_stands_is_examined_only_at_the_end(log: Log) -> None:
 
 @pytest.mark.parametrize("reversed_", [False, True])
 def test_lost_samples_are_events_and_hide_no_wrong_torque(tmp_path: Path, log: Log, reversed_: bool) -> None:
-    """Of every 100 ms the last 40 are missing."""
+    """The last 40 of every 100 ms are missing."""
     readings = states_of(replace(log, tau=log.tau * WRONG) if reversed_ else log)
     left = (s for k, s in enumerate(readings) if k % 10 < 6)
     if reversed_:

@@ -1,4 +1,4 @@
-"""The balance against Pinocchio's and MuJoCo's acceleration: what the model lacks is found without differentiating a speed."""
+"""The momentum balance against Pinocchio's and MuJoCo's acceleration: model errors show without differentiating a speed."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ def test_a_balance_never_reaches_across_a_gap(ur10e: Arm) -> None:
 
 
 def test_friction_follows_the_arms_own_effects(ur10e: Arm) -> None:
-    """An arm with ripple, spring, gain, offset and load-dependent friction leaves as little as a plain one."""
+    """An arm with ripple, spring, gain, offset and direction-dependent friction leaves as little residual as a plain one."""
     joint = "elbow_joint"
     arm = ur10e
     for effect, parameters in (

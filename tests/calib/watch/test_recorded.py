@@ -1,4 +1,4 @@
-"""When a recording was made, and how it is known again."""
+"""The date of a recording, and how a recording is recognised again."""
 
 from __future__ import annotations
 
@@ -32,9 +32,9 @@ NEW_YEAR = 1_767_225_600 * 10**9  # ns, 2026-01-01
         ({"metadata": {"wall_clock_start_ns": str(NEW_YEAR)}, "t_origin": 100 * 10**9}, START),
         ({"t_host": np.arange(6.0), "t_host_origin": NEW_YEAR}, START),
         ({"t_host_origin": NEW_YEAR}, None),  # a log without a host clock
-        ({"t_origin": NEW_YEAR}, START),  # a table with instants since 1970
+        ({"t_origin": NEW_YEAR}, START),  # a table with times since 1970
         ({"t_origin": 100 * 10**9}, None),  # seconds since the controller was switched on
-        ({"metadata": {"wall_clock_start_ns": "17"}, "t_origin": NEW_YEAR}, START),  # a host that did not know the time
+        ({"metadata": {"wall_clock_start_ns": "17"}, "t_origin": NEW_YEAR}, START),  # a host whose clock was not set
     ],
 )
 def test_a_recording_is_dated_by_what_it_states(about: dict[str, Any], expected: datetime | None) -> None:

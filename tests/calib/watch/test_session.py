@@ -1,4 +1,4 @@
-"""A watch from the first reading to the last: what it survives, and what it writes."""
+"""A watch from the first reading to the last: what it survives and what it writes."""
 
 from __future__ import annotations
 

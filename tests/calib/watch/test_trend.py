@@ -1,4 +1,4 @@
-"""Slopes of friction over many runs: found with an interval that covers the truth, and never taken from warmth."""
+"""Slopes of friction over many runs: their intervals cover the truth, and warmth is not taken for wear."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def test_too_few_runs_claim_nothing() -> None:
 
 
 def test_a_morning_that_warms_the_grease_is_no_trend() -> None:
-    """Eight runs in an hour, and the same with one more a week later: a day of its own is one witness."""
+    """Eight runs within an hour, also with one more a week later. A single separate day is not enough evidence."""
     morning = [
         replace(
             r, started=START + timedelta(minutes=10 * k), joints=(replace(r.joints[0], coulomb=10 - 0.3 * k, temperature=None),)

@@ -1,4 +1,4 @@
-"""The table of trends: every run once, of its own arm, whatever version wrote it."""
+"""The trend table holds every run once, under its own arm, whichever version wrote it."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ pragma user_version = 1;
 
 @pytest.fixture
 def first_version(tmp_path: Path) -> tuple[Path, list[RunRecord]]:
-    """A table of version 1 as that version wrote it, and what it holds."""
+    """A table as version 1 wrote it, and the runs in it."""
     file, old = tmp_path / "t.sqlite", runs(5, 0.2)
     with closing(sqlite3.connect(file)) as db, db:
         db.executescript(VERSION_1)

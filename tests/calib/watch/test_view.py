@@ -1,4 +1,4 @@
-"""The screen of a watch: no number is cut where there is little room, and none stands where nothing was measured."""
+"""The screen of a watch cuts no number when narrow, and shows none before anything was measured."""
 
 from __future__ import annotations
 

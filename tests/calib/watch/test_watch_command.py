@@ -1,4 +1,4 @@
-"""`calib watch` as a user runs it: a log in, events out, the same in /events, JSON lines and the table of trends."""
+"""`calib watch` as a user runs it: events in the output, in /events, in JSON lines and in the trend table."""
 
 from __future__ import annotations
 
@@ -132,7 +132,7 @@ def test_trend_needs_runs_and_a_replay_counts_once(
     assert main(["watch", "--trend", "--out", str(tmp_path / "text"), "--database", str(folder / "trend.sqlite")]) == 0
     shown = capsys.readouterr().out
     assert "Coulomb" in shown
-    assert "over days" not in shown  # a picture of one run shows nothing
+    assert "over days" not in shown  # a plot of one run shows nothing
     assert main(["watch", "--trend", "--database", str(tmp_path / "none.sqlite")]) == 2
 
 

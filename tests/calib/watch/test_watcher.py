@@ -1,4 +1,4 @@
-"""What a watcher says of a shift of work: the load when it comes and goes, nothing of what is normal."""
+"""Events of a shift of work: a load is reported when it comes and goes, and normal work is not reported."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def test_a_load_taken_up_at_rest_is_reported_once_the_arm_moves(servo6: Arm, loa
 
 @pytest.mark.parametrize(("before", "after"), [(32, 33), (33, 34)])
 def test_a_load_taken_up_at_rest_is_no_contact_while_one_joint_moves(before: int, after: int) -> None:
-    """What the others did before the rest says nothing of a load that came after it."""
+    """The motion of the other joints before the rest is no evidence about a load that came after it."""
     arm, nothing = load_arm("ur10e"), np.full(6, np.nan)
     heavier = with_effect(arm, ArmEffect("payload", None, {"mass": 2.0, "com_x": 0.0, "com_y": 0.01, "com_z": 0.05}))
     logs = [recorded(of, fourier_motion(arm, seed, 12.0, 100.0), seed) for of, seed in ((arm, before), (heavier, after))]
@@ -141,13 +141,13 @@ def test_growing_viscous_friction_is_drift_of_its_joint_and_warming_is_normal(se
 
 
 def as_calibrated(arm: Arm) -> Arm:
-    """The arm with friction that was estimated from recordings."""
+    """The arm with friction estimated from recordings."""
     effects = tuple(replace(e, std={k: 0.01 * v for k, v in e.parameters.items()}) for e in arm.effects)
     return replace(arm, effects=effects)
 
 
 def test_a_torque_that_one_joint_holds_all_the_time_is_no_load(servo6: Arm) -> None:
-    """Links of another arm: what they weigh looks like a load, but for one wrist that hardly turns against it."""
+    """Another arm's links: their weight resembles a load except at one wrist that hardly turns against it."""
     other = with_effect(servo6, ArmEffect("payload", None, LOAD))
     other = with_effect(other, ArmEffect("torque_offset", "wrist_1_joint", {"offset": -1.2}))
     events = watched(Watcher(servo6, 200.0), states(servo6, work(servo6, 20.0, seed=1), 1, truth=other))
@@ -166,7 +166,7 @@ def test_an_arm_that_states_no_dry_friction_is_told_of_none(servo6: Arm) -> None
 
 @pytest.mark.slow
 def test_a_change_of_form_is_no_drift(servo6: Arm) -> None:
-    """A third less dry and so much more viscous friction that both together stay what they were at the usual speed."""
+    """Dry friction falls by 35 % and viscous friction rises, so that their sum is unchanged at the usual speed."""
     joint, motion = "elbow_joint", work(servo6, 120.0, seed=6, pause=0.1)
     arm = as_calibrated(servo6)
     dry, wet = arm.effect("coulomb_friction", joint), arm.effect("viscous_friction", joint)
