@@ -124,7 +124,7 @@ def test_masses_that_nobody_knows_tell_nothing() -> None:
     assert gate(unknown, [replace(log, dq=np.degrees(log.dq))]).refusal
 
 
-def test_friction_sweeps_are_no_wrong_columns() -> None:
+def test_an_effect_in_a_part_of_the_recording_is_not_exchanged_columns() -> None:
     """An effect that the model does not have, in the last fifth of the recording, is not reported as exchanged columns."""
     of, log = base("servo6 2")
     still = np.arange(len(log)) < 0.8 * len(log)
