@@ -21,7 +21,6 @@ class ArmStatus(Enum):
     """How far the work on an arm got; the value is the sentence shown to people."""
 
     DONE = "identified, validated and diagnosed"
-    NO_EXCITATION = "a joint hardly moves in its recordings"
     BAD_LOGS = "its recordings cannot be used"
     CONFIGURATION = "its model and its recordings do not fit together"
     WORKER_LOST = "the workers that tried it died; the next call tries it again"
@@ -31,7 +30,7 @@ class ArmStatus(Enum):
     @property
     def settled(self) -> bool:
         """Whether the same recordings would give the same answer again."""
-        return self in (ArmStatus.DONE, ArmStatus.NO_EXCITATION, ArmStatus.BAD_LOGS, ArmStatus.CONFIGURATION)
+        return self in (ArmStatus.DONE, ArmStatus.BAD_LOGS, ArmStatus.CONFIGURATION)
 
 
 @dataclass(frozen=True)

@@ -30,9 +30,9 @@ from sim.errors import AnswerIsNo, BadLog, CalibError, ConfigError
 from sim.version import program_version
 
 ANSWERS: tuple[tuple[type[CalibError], ArmStatus], ...] = (
-    (AnswerIsNo, ArmStatus.NO_EXCITATION),
     (BadLog, ArmStatus.BAD_LOGS),
     (ConfigError, ArmStatus.CONFIGURATION),
+    (AnswerIsNo, ArmStatus.CONFIGURATION),  # no physically consistent arm is near the estimates
 )
 
 

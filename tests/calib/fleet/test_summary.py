@@ -46,7 +46,7 @@ def test_an_arm_whose_model_does_not_agree_has_a_line_of_its_own() -> None:
 
 def test_a_recording_that_is_left_out_is_not_counted_among_those_that_were_used() -> None:
     five = {"arm": "a", "outlier_parameter": "mcy_2", "logs": list("abcde"), "bad_logs": ["d: damaged", "e: the same as a"]}
-    fleet = Fleet([GOOD | five, GOOD | five | {"bad_logs": []}, five | {"status": "no_excitation", "sentence": "why"}], [], ())
+    fleet = Fleet([GOOD | five, GOOD | five | {"bad_logs": []}, five | {"status": "bad_logs", "sentence": "why"}], [], ())
     assert [row[2] for row in arm_rows(fleet)] == ["3 of 5", 5, 5]
     assert trouble_rows(fleet)[-2:] == [["a", "left out", "d: damaged"], ["a", "left out", "e: the same as a"]]
 
