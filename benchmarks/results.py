@@ -200,22 +200,31 @@ class Results:
         files = [self.changed(path) for path, was in self.measures.items() if digest(path) != was]
         try:
             return all(
-                names and all(structure(self.then(f)) == structure((ROOT / f).read_bytes()) for f in names) for names in files
+                names and all(_structure(self.then(f)) == _structure((ROOT / f).read_bytes()) for f in names) for names in files
             )
         except (OSError, ValueError):
             return False
 
     def then(self, file: str) -> bytes:
         """A file as it was at the commit."""
-        return git("show", f"{self.commit}:{file}").encode()
+        return _shown(self.commit, file)
 
     def changed(self, path: str) -> list[str]:
         """The files of a path or module that differ from those of the commit; none where the commit is not known here."""
         return [
             file
             for file in git("diff", "--name-only", self.commit, "--", *files(path)).splitlines()
-            if code(self.then(file)) != code((ROOT / file).read_bytes().strip())
+            if _code(self.then(file)) != _code((ROOT / file).read_bytes().strip())
         ]
+
+
+# many results share a commit and most of their files
+_code, _structure = cache(code), cache(structure)
+
+
+@cache
+def _shown(commit: str, file: str) -> bytes:
+    return git("show", f"{commit}:{file}").encode()
 
 
 def read(folder: Path | None = None) -> dict[str, Results]:
