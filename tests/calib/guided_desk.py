@@ -62,5 +62,5 @@ def go(commands: Commands, monkeypatch: pytest.MonkeyPatch, *more: str, answers:
 
 
 def session(desk: Path) -> GuidedSession:
-    (folder,) = (desk / "runs").iterdir()
+    (folder,) = (desk / "runs").glob("*-go")
     return read_session(folder)

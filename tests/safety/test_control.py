@@ -83,7 +83,7 @@ def test_a_real_clock_is_kept_in_another_process(place: Path) -> None:
     done = drive(plan, cell, arm, in_real_time, place / "run", audit=place / "audit.jsonl", watch=seen.append)
     log = read_log(done.logs["friction"])
     assert log.metadata["end_reason"] == "completed"
-    assert log.metadata["monitor_process"].startswith("no: a device of driver")
+    assert log.metadata["monitor_process"].startswith("no: only one program can read a device of driver")
     assert done.latency > 0
     assert any(p.cycle is not None and np.all(np.isfinite(p.cycle.q_cmd)) for p in seen)
     assert audit.verify(place / "audit.jsonl")[-1]["event"] == "run completed"
