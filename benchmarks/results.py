@@ -24,11 +24,11 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.imports import ROOT, files, git
+from benchmarks.wording import structure
 
 FOLDER = ROOT / "results"
 SCHEMA = "results/1"
 SHOWN = 3
-WORDS = 3
 CODE = ("calib", "safety", "drivers", "logs", "sim")
 KEYS = ("what", "value", "unit", "bar", "note")
 NAME = re.compile(r"[a-z0-9][a-z0-9_-]{0,63}")
@@ -132,40 +132,6 @@ def code(source: bytes) -> bytes:
             if not lines[first][: node.body[0].col_offset].strip():  # a line of its own
                 lines[first:last] = [b""] * (last - first)
     return b"\n".join(line.rstrip() for line in lines if line.strip())
-
-
-def structure(source: bytes) -> str:
-    """The syntax tree of Python source without docstrings and messages: equal for two sources that differ in wording alone.
-
-    A message is a text of one line with WORDS words or more; of a formatted one the values count, in any order, and its text does not.
-    ValueError where the source cannot be read.
-    """
-    try:
-        tree = ast.parse(source)
-    except SyntaxError as error:
-        raise ValueError(str(error)) from error
-    return ast.dump(_Wordless().visit(tree))
-
-
-class _Wordless(ast.NodeTransformer):
-    def generic_visit(self, node: ast.AST) -> ast.AST:
-        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef) and ast.get_docstring(node):
-            node.body[0] = ast.Pass()
-        return super().generic_visit(node)
-
-    def visit_Constant(self, node: ast.Constant) -> ast.AST:
-        return ast.Constant("") if isinstance(node.value, str) and _is_message(node.value) else node
-
-    def visit_JoinedStr(self, node: ast.JoinedStr) -> ast.AST:
-        texts = [str(part.value) for part in node.values if isinstance(part, ast.Constant)]
-        if not _is_message(" ".join(texts)):
-            return self.generic_visit(node)
-        values = (part for part in node.values if not isinstance(part, ast.Constant))
-        return self.generic_visit(ast.JoinedStr(sorted(values, key=ast.dump)))
-
-
-def _is_message(text: str) -> bool:
-    return "\n" not in text and len(re.findall(r"[A-Za-z]{2,}", text)) >= WORDS
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks import imports, results
+from benchmarks.wording import structure
 
 ROW = {"what": "a", "value": 1.5, "unit": "s", "bar": "", "other": 3}
 
@@ -66,8 +67,8 @@ def test_wording_is_docstrings_and_messages_alone() -> None:
         b"Why.", b"What."
     )
     assert results.code(better) != results.code(REFUSAL)
-    assert results.structure(better) == results.structure(REFUSAL)
-    assert results.structure(REFUSAL.replace(b"left, right", b"left or right")) == results.structure(REFUSAL)
+    assert structure(better) == structure(REFUSAL)
+    assert structure(REFUSAL.replace(b"left, right", b"left or right")) == structure(REFUSAL)
     for old, new in (
         (b"!r", b""),
         (b'"no"', b'"yes"'),
@@ -75,9 +76,12 @@ def test_wording_is_docstrings_and_messages_alone() -> None:
         (b"ValueError", b"KeyError"),
         (b"known", b"known\\n"),
     ):
-        assert results.structure(REFUSAL.replace(old, new)) != results.structure(REFUSAL)
+        assert structure(REFUSAL.replace(old, new)) != structure(REFUSAL)
+    for used in (b"'one two three' in x", b"x == 'one two three'", b"x['one two three']", b"{'one two three': x}"):
+        assert structure(used) != structure(used.replace(b"two", b"2nd"))
+    assert structure(b"x.startswith('one two three')") != structure(b"x.startswith('one 2nd three')")
     with pytest.raises(ValueError, match="invalid syntax"):
-        results.structure(b"def (\n")
+        structure(b"def (\n")
 
 
 def test_a_change_of_wording_is_reported_as_such(monkeypatch: pytest.MonkeyPatch) -> None:
