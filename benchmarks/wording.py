@@ -35,7 +35,8 @@ class _Wordless(ast.NodeTransformer):
         return node
 
     def visit_Subscript(self, node: ast.Subscript) -> ast.AST:
-        return node
+        key = node.slice if isinstance(node.slice, ast.Constant) else self.visit(node.slice)
+        return ast.Subscript(self.visit(node.value), key)
 
     def visit_match_case(self, node: ast.match_case) -> ast.AST:
         return node
