@@ -83,11 +83,17 @@ def with_options(session: GuidedSession, quick: bool, rounds: int | None) -> Gui
     return after
 
 
-def next_step(session: GuidedSession) -> GuidedStep | None:
-    """The next command; None if nothing is left to do."""
+def next_step(session: GuidedSession, real: bool = False) -> GuidedStep | None:
+    """The next command; None if nothing is left to do. With a real arm, the check also turns each joint by two degrees."""
     quick = ("--quick",) if session.quick else ()
+    check = GuidedStep("check", "Check the device before anything moves.", ("check", session.cell))
+    if real:
+        check = GuidedStep(
+            "check", "Check the device. Then turn each joint by two degrees: the joint that is named must be the one that moves.",
+            ("check", session.cell, "--move"),
+        )  # fmt: skip
     steps = [
-        GuidedStep("check", "Check the device before anything moves.", ("check", session.cell)),
+        check,
         GuidedStep(
             "plan", "Plan motions that excite friction, masses and inertias; nothing moves yet.",
             ("plan", session.arm, "--cell", session.cell, *quick), "plan",

@@ -186,7 +186,7 @@ class Guard:
 
     def _check_stop_request(self) -> Trip | None:
         reason = self._stop_requested()
-        return None if reason is None else Trip("stop asked for:", reason, "none", "", "start again when the cause is gone")
+        return None if reason is None else Trip("stop requested:", reason, "none", "", "start again when the cause is gone")
 
     def _send(self, q: np.ndarray, dq: np.ndarray) -> None:
         sent = self._driver.send(q, dq, self._zero)

@@ -13,6 +13,7 @@ from safety.clear import ClearedTrajectory, Proof, clear
 from safety.collision import Clearance
 from safety.plan import Plan
 from safety.run_progress import RunProgress
+from safety.stages import motions_at
 from sim.arm import Arm
 from sim.cell import Cell
 from sim.errors import SafetyStop
@@ -44,10 +45,10 @@ class Route:
     def legs(self, q: np.ndarray, speeds: Sequence[float], watch: Callable[[RunProgress], None]) -> dict[float, list[Leg]]:
         """Speed -> every leg of the run, all cleared before the first one moves; each begins where the one before ends."""
         legs: dict[float, list[Leg]] = {}
-        total, done = len(speeds) * len(self.plan.motions) + 1, 0
+        total, done = sum(len(motions_at(self.plan.motions, speed)) for speed in speeds) + 1, 0
         for speed in speeds:
             legs[speed] = []
-            for motion in self.plan.motions:
+            for motion in motions_at(self.plan.motions, speed):
                 what = f"{motion.name} at {speed:.0%}" if speed < 1 else motion.name
                 watch(RunProgress(f"verifying {what}", done / total, None))
                 legs[speed] += self._to_and_through(q, motion.trajectory.scaled(speed), what, motion.name)

@@ -171,12 +171,23 @@ def load_plan(folder: Path) -> Plan:
     return Plan(table.arm, tuple(table.joints), motions, table.hashes, table.created, sha256, folder, dict(table.summary))
 
 
+def require_arm_of(cell: Cell, arm: Arm, stands: Arm) -> None:
+    """ConfigError unless the arm is `stands`, the arm of the cell: no other plan is accepted there."""
+    if (arm.name, hashes_of(arm, cell)) != (stands.name, hashes_of(stands, cell)):
+        raise ConfigError(
+            f"{cell.path.name} has the arm {cell.table.arm!r}, which is not the arm in {arm.model_path.parent}, so the cell would refuse "
+            f"this plan; plan for {cell.table.arm!r}, or set `arm` in {cell.path.name}"
+        )
+
+
 def check_plan(plan: Plan, arm: Arm, cell: Cell) -> None:
     """SafetyStop unless the plan was made for exactly this arm, these limits, this software and, if it names one, this cell."""
     if (plan.arm, plan.joint_names) != (arm.name, arm.joint_names):
+        joints = [f" with joints {', '.join(names)}" for names in (plan.joint_names, arm.joint_names)]
+        of_plan, of_cell = ("", "") if plan.joint_names == arm.joint_names else joints
         raise SafetyStop(
-            f"{plan.folder}: made for {plan.arm} with joints {', '.join(plan.joint_names)}; the cell {cell.name} has {arm.name} "
-            f"with {', '.join(arm.joint_names)}; give the plan of this arm"
+            f"{plan.folder}: made for {plan.arm}{of_plan}; the cell {cell.name} has {arm.name}{of_cell}; make it with `calib plan "
+            f"{cell.table.arm} --cell {cell.name}`"
         )
     now = hashes_of(arm, cell)
     for what, made, is_now in (

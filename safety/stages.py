@@ -1,7 +1,11 @@
-"""A plan runs slowly first: at 10, 25, 50, then 100 % of its speed on the same path. Each stage must pass before the next."""
+"""A plan runs slowly first: at 10, 25, 50, then 100 % of its speed on the same path. Each stage must pass before the next.
+
+At 10 % only one motion is driven. All of them at 10 % would take ten times the plan, and 25 % is slow enough to watch them.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,7 +15,7 @@ from safety.audit import verify
 from safety.confirmation import without_arm
 from safety.manifest import digest_of, manifest_of
 from safety.monitor import RESIDUAL
-from safety.plan import Plan
+from safety.plan import Motion, Plan
 from sim.arm import Arm
 from sim.cell import Cell
 from sim.errors import SafetyStop
@@ -20,6 +24,8 @@ from sim.finite import real_array
 STAGES = (0.1, 0.25, 0.5, 1.0)
 # Share of the allowed torque residual above which no faster stage begins
 RESIDUAL_SHARE = 0.8
+# Share of each joint's largest speed in the plan that the motion of the slowest stage must reach
+REPRESENTATIVE = 0.5
 
 
 @dataclass(frozen=True)
@@ -66,6 +72,27 @@ def gate(result: StageResult, faster: float, arm: Arm, cell: Cell, room: float) 
             f"{arm.joint_names[j]}: torque differs from expectation by {residual[j]:.0%} of its maximum at {result.speed:.0%} of the speed, "
             f"more than {most:.0%}; declare the payload that is really mounted, check the mounting, or look for contact"
         )
+
+
+def motions_at(motions: Sequence[Motion], speed: float) -> tuple[Motion, ...]:
+    """The motions that a stage drives: one at the slowest speed, otherwise all.
+
+    That one is the shortest in which every joint reaches REPRESENTATIVE of its largest speed in the plan; without such a
+    motion, the one that comes closest.
+    """
+    if speed != STAGES[0] or not motions:
+        return tuple(motions)
+    peaks = np.array([np.abs(m.trajectory.dq).max(axis=0) for m in motions])
+    largest = peaks.max(axis=0)
+    reached = np.min(peaks / np.where(largest > 0, largest, 1.0), axis=1, where=largest > 0, initial=1.0)
+    full = [k for k in range(len(motions)) if reached[k] >= REPRESENTATIVE]
+    k = min(full, key=lambda k: motions[k].trajectory.duration) if full else int(np.argmax(reached))
+    return (motions[k],)
+
+
+def duration_of(motions: Sequence[Motion], speeds: Sequence[float] = STAGES) -> float:
+    """Time of the motions in these stages, s; by default of a first run. Approaches between them come on top."""
+    return sum(m.trajectory.duration / speed for speed in speeds for m in motions_at(motions, speed))
 
 
 def stages_due(plan: Plan, arm: Arm, cell: Cell, audit: Path) -> tuple[float, ...]:

@@ -47,9 +47,10 @@ class MotionStopped(SafetyStop):
     """Raised for a motion that was stopped on the way; holds the trip, how the arm came to rest, and the last samples."""
 
     def __init__(self, trip: Trip, t: float, standstill: Standstill, samples: tuple[JointState, ...], where: str) -> None:
-        by = "" if standstill.stop == STANDING else f"{standstill.stop}, "
-        rest = f"standing after {standstill.time:.3f} s" if standstill.at_rest else "NOT seen to stand still: look at the arm"
-        super().__init__(f"stopped in {where} at t={t:.3f} s: {trip} ({by}{rest})")
+        by = "" if standstill.stop == STANDING else f" ({standstill.stop})"
+        stood = f"the arm stood still {standstill.time:.3f} s later"
+        rest = stood if standstill.at_rest else "the arm was NOT seen to stand still: look at it"
+        super().__init__(f"stopped in {where} at t={t:.3f} s; {rest}{by}: {trip}")
         self.trip, self.t, self.standstill, self.samples, self.where = trip, t, standstill, samples, where
 
     def __reduce__(self) -> tuple[type[MotionStopped], tuple[Any, ...]]:

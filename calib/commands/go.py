@@ -116,8 +116,11 @@ def _run(current: GuidedSession, yes: bool, configs: Path | None) -> tuple[Guide
     """Run steps until none is left, one fails, or the person leaves; return the session and the exit code."""
     from calib import guided
     from calib.report import session as page
+    from safety.confirmation import without_arm
+    from sim.cell import load_cell
 
-    while (step := guided.next_step(current := _up_to_date(current, configs))) is not None:
+    real = not without_arm(load_cell(current.cell, configs))
+    while (step := guided.next_step(current := _up_to_date(current, configs), real)) is not None:
         if step.question and not yes and _asked(f"\n{step.question} [y/N] ") not in ("y", "yes"):
             return _left(current, step)
         current, code, sentence = _do(current, step, yes, configs)
@@ -165,7 +168,7 @@ def _do(current: GuidedSession, step: GuidedStep, yes: bool, configs: Path | Non
     """Run one command; its output is kept in the session's folder, and shown if it failed."""
     from calib.main import start
 
-    moves = step.name.split("-")[0] == "record"
+    moves = step.name.split("-")[0] == "record" or "--move" in step.arguments
     arguments = [*step.arguments, *(("--yes",) if moves and yes else ()), *(("--configs", str(configs)) if configs else ())]
     number = len(current.commands) + 1
     console.say(f"\n{number}. {step.why}")
@@ -201,5 +204,5 @@ def _again(step: GuidedStep) -> str:
     """Ask what to do about a failed step: `y` try again, `p` plan again."""
     plan = ", p: plan again" if step.name.startswith("record") else ""
     return _asked(
-        f"\n{step.name} did not pass. Put it right, then y: try again{plan}, Enter: leave the session. [y{'/p' * bool(plan)}/N] "
+        f"\nThe step {step.name} is not complete. y: run it again{plan}, Enter: leave the session. [y{'/p' * bool(plan)}/N] "
     )

@@ -66,10 +66,11 @@ def command(
     from calib.excitation.session import QUICK, Session, design
     from calib.report import plan as page
     from safety.collision import Clearance
-    from safety.plan import write_plan
+    from safety.plan import require_arm_of, write_plan
     from safety.plausible import check_plausible
+    from safety.stages import duration_of
     from sim.arm import load_arm
-    from sim.cell import load_cell, require_postures
+    from sim.cell import load_arm_of, load_cell, require_postures
     from sim.viewer import play, require_display
 
     if viewer:
@@ -79,6 +80,7 @@ def command(
     stands = where or open_cell(nominal)
     if where:
         require_postures(where, nominal)
+        require_arm_of(where, nominal, load_arm_of(where, configs))
     check_plausible(nominal, stands)  # otherwise a long plan would be computed that no run accepts
     requested = replace(
         QUICK if quick else Session(), period=period, harmonics=harmonics, seed=seed, progressive=progressive,
@@ -131,7 +133,8 @@ def command(
         [[m.name, m.kind, m.trajectory.duration, len(m.trajectory)] for m in designed.motions],
     )
     console.say(f"{sentence}.")
-    console.say(f"{folder}: plan.toml, plan.html; approve it after looking at it")
+    console.say(f"With the slow stages of the first run on an arm: {duration_of(designed.motions) / 60:.0f} minutes.")
+    console.say(f"{folder}: plan.toml, plan.html. Look at plan.html; `calib record` asks for your approval.")
     console.next_step(then)
     if viewer:
         play(nominal, stands.table.obstacles, [m.trajectory for m in designed.motions])

@@ -54,6 +54,7 @@ def command(
     from safety.confirmation import check_yes
     from safety.control import alone_because, drive, is_simulated
     from safety.hold_key import HoldKey
+    from safety.stages import duration_of, stages_due
     from safety.stop_sources import first_reason
     from sim.cell import load_arm_of, load_cell
     from sim.errors import ConfigError
@@ -81,6 +82,9 @@ def command(
     if not yes:
         rows = [[m.name, m.kind, m.trajectory.duration] for m in sealed.motions]
         console.table(["motion", "kind", "duration at full speed [s]"], rows)
+        due = stages_due(sealed, arm, where, RUNS / "audit.jsonl")
+        speeds = ", ".join(f"{speed:.0%}" for speed in due)
+        console.say(f"Stages at {speeds} of the speed: {duration_of(sealed.motions, due) / 60:.0f} minutes of motion.")
         confirm(where, arm.name)
     if approval is None:
         approve(sealed, arm, where, who, datetime.now(UTC))
@@ -110,7 +114,7 @@ def command(
             held=console.warn,
         )
     worst = max(max(stage.following_error) for stage in done.stages)
-    outcome = f"recorded {', '.join(done.logs)}; the arm followed to {1000 * worst:.1f} mrad"
+    outcome = f"recorded {', '.join(done.logs)}; largest following error {1000 * worst:.1f} mrad"
     conclude(outcome)
     if as_json:
         console.print_json({"schema": "record/1", **console.plain(done)})

@@ -144,3 +144,16 @@ def test_what_a_page_says_to_do_again_is_what_ended_well_and_overwrites_nothing(
     assert again.count("<li>calib record") == 1
     assert "--holdout" in again
     assert "--out" not in again
+
+
+@pytest.mark.parametrize(("host", "moves"), [("192.168.1.10", True), ("127.0.0.2", False)])
+def test_the_check_turns_the_joints_only_where_there_may_be_an_arm(
+    host: str, moves: bool, desk: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (desk / "configs/cells").mkdir(parents=True)
+    text = load_cell("emulated-ur10e").path.read_text()
+    before = load_cell("emulated-ur10e").table.options["host"]
+    (desk / "configs/cells/mine.toml").write_text(text.replace(f'"{before}"', f'"{host}"'))
+    commands = Commands([NOTHING])
+    assert go(commands, monkeypatch, cell="mine") == 0
+    assert commands.lines[0] == ["check", "mine", *(["--move"] if moves else [])]

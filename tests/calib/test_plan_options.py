@@ -36,3 +36,11 @@ def test_what_is_given_beside_quick_holds(
     monkeypatch.setattr(session, "design", no_design)
     assert program.main(["plan", "ur10e", *given, "--out", str(tmp_path / "plan")]) == 1
     assert (asked[0].periods, asked[0].probes, asked[0].starts) == expected
+
+
+def test_a_plan_for_another_arm_than_the_cells_is_refused_before_it_is_made(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert program.main(["plan", "ur5e", "--cell", "mock-ur10e", "--quick", "--out", str(tmp_path / "plan")]) == 2
+    assert "has the arm 'ur10e'" in " ".join(capsys.readouterr().err.split())
+    assert not (tmp_path / "plan").exists()

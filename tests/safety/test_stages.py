@@ -12,7 +12,7 @@ from safety import audit
 from safety.manifest import digest_of, manifest_of
 from safety.monitor import RESIDUAL
 from safety.plan import Motion, Plan, write_plan
-from safety.stages import RESIDUAL_SHARE, STAGES, StageResult, gate, stages_due
+from safety.stages import RESIDUAL_SHARE, STAGES, StageResult, duration_of, gate, motions_at, stages_due
 from sim.arm import Arm
 from sim.cell import Cell
 from sim.errors import SafetyStop
@@ -120,3 +120,33 @@ def test_who_has_to_go_slowly_first(
     plan = write_plan(tmp_path / "plan", arm, [Motion("excitation", "excitation", motion)], cell)
     given = replace(cell, table=cell.table.model_copy(update={"driver": driver, "options": options}))
     assert stages_due(plan, arm, given, tmp_path / "audit.jsonl") == (STAGES if all_due else STAGES[-1:])
+
+
+def at_constant_speed(name: str, seconds: float, *dq: float) -> Motion:
+    speed = np.array([dq, dq])
+    return Motion(name, "excitation", Trajectory(np.array([0.0, seconds]), np.zeros_like(speed), speed, np.zeros_like(speed)))
+
+
+@pytest.mark.parametrize(
+    ("motions", "first"),
+    [
+        ([("holds", 5, 0.0, 0.0), ("sweep", 90, 1.0, 1.0), ("fourier", 20, 0.5, 0.8)], "fourier"),
+        ([("holds", 5, 0.0, 0.0), ("sweep", 90, 1.0, 1.0), ("fourier", 20, 0.4, 0.8)], "sweep"),
+        ([("one", 5, 1.0, 0.0), ("other", 9, 0.2, 1.0)], "other"),
+        ([("still", 5, 0.0, 0.0), ("one", 9, 1.0, 0.0)], "one"),
+        ([("backwards", 5, -1.0, -1.0), ("sweep", 9, 1.0, 1.0)], "backwards"),
+    ],
+)
+def test_the_slowest_stage_drives_one_motion_that_is_fast_at_every_joint(
+    motions: list[tuple[str, float, float, float]], first: str
+) -> None:
+    plan = [at_constant_speed(*m) for m in motions]
+    assert [m.name for m in motions_at(plan, STAGES[0])] == [first]
+    for speed in STAGES[1:]:
+        assert list(motions_at(plan, speed)) == plan
+
+
+def test_duration_of_a_first_run_counts_every_stage() -> None:
+    plan = [at_constant_speed("sweep", 70, 1.0, 1.0), at_constant_speed("fourier", 20, 0.6, 0.6)]
+    assert duration_of(plan) == pytest.approx(20 / 0.1 + 90 / 0.25 + 90 / 0.5 + 90)
+    assert duration_of(plan, STAGES[-1:]) == 90
