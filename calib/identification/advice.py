@@ -60,7 +60,7 @@ def advice(
     then = np.array([np.sqrt(np.diag(inverse(now + _information(model, solution.sigma, path)))) for _, _, path in menu])
     effort = np.array([moving for _, moving, _ in menu])
     # a motion serves the parameters that it determines or, failing that, improves much
-    helped = {k: (then[:, k] < enough[k]) | (then[:, k] < WORTH * min(std[k], then[:, k].min() / NEAR)) for k in unknown}
+    helped = {k: (then[:, k] < enough[k]) | (then[:, k] < min(WORTH * std[k], then[:, k].min() / NEAR)) for k in unknown}
     names, left = [name.split(" ")[0] for name in model.names], list(unknown)
     entries: list[Advice] = []
     while left and len(entries) < MOST:

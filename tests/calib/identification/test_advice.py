@@ -60,6 +60,19 @@ def test_the_motion_that_is_named_helps_as_it_says(ur5e: Arm) -> None:
     assert then / 2 < found < 2 * then
 
 
+def test_a_motion_that_improves_much_is_advised_though_it_does_not_determine(
+    ur5e: Arm, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(advice_module, "CONTRACTION", 0.0)
+    monkeypatch.setattr(advice_module, "RELATIVE", 0.0)
+    fit = fitted(ur5e, [recorded(varied(ur5e, 6), slow_motion(ur5e), 1)], NARROW)
+    entries = advice(fit.model, fit.solution, nominal_prior(ur5e, fit.model), unknown_of(ur5e, fit), HOME)
+    helping = [a for a in entries if a.path is not None]
+    assert "Ia_3" in [name for a in helping for name in a.parameters]
+    for a in helping:
+        assert all(then < advice_module.WORTH * now for now, then in a.std)
+
+
 def test_what_is_advised_stands_in_the_result(ur5e: Arm) -> None:
     found = identify(ur5e, [recorded(varied(ur5e, 6), slow_motion(ur5e), 1)], options=NARROW).result
     named = {name for _, names in found.advice for name in names}
