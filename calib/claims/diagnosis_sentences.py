@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from calib.terminal.quantity import printed_unit as unit
 from calib.terminal.quantity import rounded, significant
 
 Numbers = Mapping[str, Any]
@@ -97,8 +98,16 @@ def driving(n: Numbers) -> str:
 
 def possible(n: Numbers) -> str:
     how = f". To decide: {n['experiment'].rstrip('.')}" if n["experiment"] else ""
-    chance = f"{n['chance']:.2g} of" if n["chance"] >= LEAST_CHANCE else f"fewer than {LEAST_CHANCE:g} of"
-    return f"Possibly {words(n['effect'], n['joint'])}: noise alone would look like it in {chance} such recordings{how}"
+    draws = f"{n['simulated']} simulated recordings" if n["simulated"] else "the simulated recordings"
+    return (
+        f"Possibly {words(n['effect'], n['joint'])}, which does not pass every test for a name. Of {draws} with noise alone, at most "
+        f"{chance(n['chance'])} show any of the effects tried as strongly; they leave out errors in the form of the model{how}"
+    )
+
+
+def chance(share: float) -> str:
+    """A false-name rate in percent."""
+    return f"{100 * max(share, LEAST_CHANCE):.2g}%"
 
 
 def refused(n: Numbers) -> str:
@@ -160,16 +169,19 @@ def words(effect: str, joint: str | None) -> str:
     return f"{text} at {joint}" if joint else text
 
 
+def residual_words(n: Numbers) -> str:
+    """Residual RMS at a joint before and after the correction; with `healthy`, of what the healthy recordings do not explain."""
+    beyond = " beyond the healthy recordings" if n["healthy"] else ""
+    return (
+        f"residual RMS{beyond} at {n['joint']} {significant(n['before'], 3)} -> {significant(n['after'], 3)} {unit(n['unit'])}"
+    )
+
+
 def quantity(parameter: Numbers) -> str:
     """`value ± std unit`, rounded to the standard deviation; or that it is not identifiable, and the value at which it is held."""
     if parameter.get("identifiable") is False:
         return f"not identifiable, held at {rounded(float(parameter['value']), None, str(parameter.get('unit', '')))}"
     return rounded(float(parameter["value"]), parameter.get("std"), str(parameter.get("unit", "")))
-
-
-def unit(text: str) -> str:
-    """A unit as it is printed; empty for a number without one."""
-    return "" if text == "1" else text.replace("*", " ")
 
 
 def variable(text: str) -> str:
@@ -203,8 +215,9 @@ def _found(effects: Sequence[Numbers]) -> str:
     (e,) = effects
     values = ", ".join(f"{name.replace('_', ' ')} {quantity(p)}" for name, p in e["parameters"].items())
     by = [f"from the {e['measured_by']}"] if e.get("measured_by") else []
-    share = [f"{e['gap_share']:.0%} of the torque residual"] if e["gap_share"] or not by else []
-    return f"{words(e['effect'], e.get('joint'))} ({'; '.join([values, *by, *share])}){_or(e)}"
+    left = [residual_words(e["residual"])] if e.get("residual") else []
+    sure = [f"confidence {e['confidence']:.0%}"] if e.get("confidence") is not None else []
+    return f"{words(e['effect'], e.get('joint'))} ({'; '.join([values, *by, *left, *sure])}){_or(e)}"
 
 
 def _or(e: Numbers) -> str:

@@ -36,7 +36,8 @@ def claims(answer: Mapping[str, Any]) -> tuple[Claim, ...]:
     keys = ("joint", "formula", "rms_without", "rms_with")
     out += [Claim("law", {key: law[key] for key in keys}) for law in answer.get("laws", [])]
     keys = ("effect", "joint", "chance", "experiment")
-    out += [Claim("possible", {key: x[key] for key in keys}) for x in answer.get("possible", [])]
+    simulated = {"simulated": (answer.get("false_names") or {}).get("simulated")}
+    out += [Claim("possible", {key: x[key] for key in keys} | simulated) for x in answer.get("possible", [])]
     out += [Claim("refused", {"text": text}) for text in answer.get("refused", [])]
     moved = answer.get("calibration", [])
     if ripples := [m for m in moved if m["name"].startswith(RIPPLE)]:
@@ -48,9 +49,11 @@ def claims(answer: Mapping[str, Any]) -> tuple[Claim, ...]:
 def verdict(answer: Mapping[str, Any]) -> Claim:
     """The verdict as a claim."""
     kind, healthy = answer["verdict"], answer.get("baseline")
-    keys = ("effect", "joint", "parameters", "gap_share", "measured_by")
+    keys = ("effect", "joint", "parameters", "confidence", "gap_share", "measured_by")
     effects = [
-        {key: e[key] for key in keys if key in e} | ({"others": others} if (others := e.get("indistinguishable_from")) else {})
+        {key: e[key] for key in keys if key in e}
+        | ({"others": others} if (others := e.get("indistinguishable_from")) else {})
+        | ({"residual": left} if (left := residual_at(answer, e)) else {})
         for e in answer.get("effects", [])
     ]
     if kind == "bad_data":
@@ -118,12 +121,29 @@ def _held(effects: Sequence[Mapping[str, Any]]) -> list[Claim]:
 def _removed(answer: Mapping[str, Any]) -> Claim | None:
     """The joint whose residual the corrected arm lowers most; None if nothing was compared."""
     gap = answer.get("gap") or {}
+    left = _before_and_after(gap, None)
+    return Claim("removed", {"log": gap["log"], **left}) if left else None
+
+
+def residual_at(answer: Mapping[str, Any], effect: Mapping[str, Any]) -> dict[str, Any] | None:
+    """Residual RMS before and after at an effect's joint, for an effect of the whole arm at the joint where it falls most.
+
+    All effects and the parameter refit are in the second number. None if nothing was compared or corrected, or if the torque
+    does not show the effect.
+    """
+    left = _before_and_after(answer.get("gap") or {}, effect["joint"])
+    if left is None or left["before"] == left["after"] or not effect["gap_share"] > 0.0:
+        return None
+    return left | {"healthy": "baseline" in answer}
+
+
+def _before_and_after(gap: Mapping[str, Any], joint: str | None) -> dict[str, Any] | None:
+    """Residual RMS at a joint, or where it falls most; None if nothing was compared."""
     before, after = (np.array(gap.get(key, []), dtype=float) for key in ("before", "after"))
     if not len(before) or len(before) != len(after):
         return None
-    k = int(np.argmin(after / np.maximum(before, 1e-300)))
-    numbers = {"joint": gap["joints"][k], "before": float(before[k]), "after": float(after[k])}
-    return Claim("removed", {"log": gap["log"], "unit": gap["unit"], **numbers})
+    k = int(np.argmin(after / np.maximum(before, 1e-300))) if joint is None else list(gap["joints"]).index(joint)
+    return {"joint": gap["joints"][k], "before": float(before[k]), "after": float(after[k]), "unit": gap["unit"]}
 
 
 def is_corrected(diagnosis: Mapping[str, Any]) -> bool:

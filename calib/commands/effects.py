@@ -49,15 +49,13 @@ def _describe(effect: Effect) -> None:
     from sim.effects import effect_origin
 
     console.say(f"{effect.name}: {effect.summary}")
-    console.say(f"  law         {effect.law}.")
-    for law in dict.fromkeys(other.law for other in effect.forms()):
-        console.say(f"  other law   {law}.")
-    console.say(f"  looks like  {effect.looks}")
-    if effect.experiment:
-        console.say(f"  shown by    {effect.experiment}")
-    console.say(f"  reference   {effect.reference}")
-    console.say(f"  comes from  {effect_origin(effect.name)}")
-    console.say(f"  belongs to  {'one joint' if effect.scope == 'joint' else 'the whole arm'}")
+    rows = [["law", f"{effect.law}."]]
+    rows += [["other law", f"{law}."] for law in dict.fromkeys(other.law for other in effect.forms())]
+    rows.append(["looks like", effect.looks])
+    rows += [["distinguished by", effect.experiment]] if effect.experiment else []
+    rows += [["reference", effect.reference], ["comes from", effect_origin(effect.name)]]
+    rows.append(["belongs to", "one joint" if effect.scope == "joint" else "the whole arm"])
+    console.table(["", ""], rows)
     console.table(
         ["parameter", "unit", "least", "greatest", "meaning"],
         [[p.name, _unit(p.unit), p.lower, p.upper, p.meaning] for p in effect.parameters],
@@ -85,4 +83,6 @@ def _plain(effect: Effect) -> dict[str, object]:
 
 
 def _unit(unit: str) -> str:
-    return unit.replace("*", " ")
+    from calib.terminal.quantity import printed_unit
+
+    return printed_unit(unit) or "1"

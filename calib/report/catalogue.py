@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from calib.report.figure import LINE, ROLES, draw_line, mosaic, name, svg
+from calib.terminal.quantity import printed_unit
 from sim.arm import Arm, ArmEffect, load_arm
 from sim.effects import EFFECTS, Effect, with_effect
 from sim.prediction import predict
@@ -84,7 +85,7 @@ def page() -> str:
             "",
             "| parameter | unit | meaning |",
             "|---|---|---|",
-            *(f"| `{p.name}` | {p.unit.replace('*', ' ')} | {p.meaning} |" for p in effect.parameters),
+            *(f"| `{p.name}` | {printed_unit(p.unit) or '1'} | {p.meaning} |" for p in effect.parameters),
             "",
         ]
     return "\n".join(lines)

@@ -9,7 +9,7 @@ import numpy as np
 
 from calib.report.figure import ROLES, axes, name
 from calib.report.page import Page
-from calib.terminal.quantity import pair
+from calib.terminal.quantity import pair, printed_unit
 from calib.validation.comparison import Change, Number, RunNumbers, sentence
 
 
@@ -56,4 +56,4 @@ def _ratio(a: float | None, b: float | None) -> float | None:
 
 def _unit(change: Change) -> str:
     number = change.a or change.b
-    return number.unit.replace("*", " ") if number else ""
+    return printed_unit(number.unit) if number else ""

@@ -9,11 +9,12 @@ from typing import Any
 import numpy as np
 
 from calib.claims.claim import capital
-from calib.claims.diagnosis_sentences import unit as unit_of
+from calib.claims.diagnosis_sentences import chance
 from calib.claims.of_diagnosis import REMARKS, agreement, claims, disagrees, is_corrected, lasting, over_noise, verdict
 from calib.report import explorer, pictures
 from calib.report.evidence import add_evidence, add_gap
 from calib.report.page import Page, Verdict
+from calib.terminal.quantity import printed_unit as unit_of
 from sim.arm import Arm
 
 REFIT_HELPS = 0.2  # share by which a refit must lower a joint's residual RMS to be proposed
@@ -140,7 +141,7 @@ def _facts(diagnosis: Mapping[str, Any]) -> list[tuple[str, Any]]:
         facts.append(("confidence in the effect" if len(effects) == 1 else "confidence, least certain effect", f"{least:.0%}"))
         rates = [e["false_name_rate"] for e in effects if "false_name_rate" in e]
         if rates:
-            facts.append(("as strong by noise alone, in simulated recordings", f"at most {max(rates):.2g} of them"))
+            facts.append(("chance that noise alone looks like this", f"at most {chance(max(rates))}"))
     gap = diagnosis.get("gap") or {}
     if gap.get("noise_floor"):
         worst = [float(np.nanmax(x)) for x in over_noise(gap).values() if np.isfinite(x).any()]

@@ -6,10 +6,11 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from calib.claims.diagnosis_sentences import listed, variable, words
-from calib.claims.diagnosis_sentences import unit as unit_of
+from calib.claims.of_diagnosis import residual_at
 from calib.report import pictures
 from calib.report.page import Page
-from calib.terminal.quantity import pair
+from calib.terminal.quantity import pair, significant
+from calib.terminal.quantity import printed_unit as unit_of
 
 
 def add_evidence(page: Page, diagnosis: Mapping[str, Any], evidence: Mapping[str, Any]) -> None:
@@ -20,13 +21,14 @@ def add_evidence(page: Page, diagnosis: Mapping[str, Any], evidence: Mapping[str
         apart = any(_written(p) != pair(p["value"], p.get("std"))[0] for _, _, p in parameters if "written" in p)
         rows = [
             [words(e["effect"], None), e.get("joint") or "whole arm", _symbol(k), *_value(p),
-             *([_written(p)] if apart else []), p.get("nominal"), unit_of(p.get("unit", "")), f"{e['gap_share']:.0%}", f"{e['confidence']:.0%}"]
+             *([_written(p)] if apart else []), p.get("nominal"), unit_of(p.get("unit", "")), _residual(diagnosis, e), f"{e['confidence']:.0%}"]
             for e, k, p in parameters
         ]  # fmt: skip
         page.table(
-            ["effect", "joint", "parameter", "value", "± std", *(["in the arm folder"] if apart else []), "nominal", "unit", "share of the residual",
-             "confidence"],
+            ["effect", "joint", "parameter", "value", "± std", *(["in the arm folder"] if apart else []), "nominal", "unit",
+             f"residual RMS [{unit_of(diagnosis['gap']['unit'])}]", "confidence"],
             rows,
+            f"Residual RMS: before → after, on {diagnosis['gap']['log']}, with all effects in the second number",
         )  # fmt: skip
         if apart:
             page.text(
@@ -134,6 +136,15 @@ def add_gap(page: Page, diagnosis: Mapping[str, Any]) -> None:
             rows,
             "RMS error of the motion simulated under the measured torque",
         )
+
+
+def _residual(diagnosis: Mapping[str, Any], effect: Mapping[str, Any]) -> str | None:
+    """Residual RMS before → after at the effect's joint; for an effect of the whole arm with the joint where it falls most."""
+    left = residual_at(diagnosis, effect)
+    if left is None:
+        return None
+    text = f"{significant(left['before'], 3)} → {significant(left['after'], 3)}"
+    return text if effect.get("joint") else f"{text} at {left['joint']}"
 
 
 def _thousandths(errors: Sequence[float | None]) -> float | str:

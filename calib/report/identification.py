@@ -11,7 +11,7 @@ import numpy as np
 from calib.claims import capital
 from calib.report import explorer, pictures
 from calib.report.page import Page, mark_of
-from calib.terminal.quantity import significant
+from calib.terminal.quantity import printed_unit, significant
 from logs.normal import INTERVAL
 from sim.arm import Arm
 
@@ -127,7 +127,7 @@ def _parameters(page: Page, result: Mapping[str, Any]) -> None:
         if not result.get(key):
             continue
         rows = [
-            [e["name"], e["joint"], *_numbers(e), e["nominal"], str(e["unit"]).replace("*", " "), f"{e['data_share']:.0%}", _note(e, key == 'full')]
+            [e["name"], e["joint"], *_numbers(e), e["nominal"], printed_unit(str(e["unit"])), f"{e['data_share']:.0%}", _note(e, key == 'full')]
             for e in result[key]
         ]  # fmt: skip
         page.table(headers, rows, title, fold=key == "full")

@@ -8,9 +8,14 @@ from collections.abc import Callable
 MOST_DIGITS = 12
 
 
+def printed_unit(unit: str) -> str:
+    """A unit as it is printed; empty for a number without one."""
+    return {"1": "", "1/rev": "per turn"}.get(unit, unit.replace("*", " "))
+
+
 def rounded(value: float, std: float | None, unit: str = "") -> str:
     """`value ± std unit`, both to two significant digits of the standard deviation; four digits of the value without one."""
-    unit = "" if unit == "1" else unit.replace("*", " ")
+    unit = printed_unit(unit)
     if not math.isfinite(value):
         return "–"
     if std is None or not (math.isfinite(std) and std > 0):

@@ -17,7 +17,8 @@ from tests.calib.report.browser import Visit
     [
         (
             "effects_found",
-            "The model is missing Coulomb friction at elbow_joint (coulomb 8.213 ± 0.041 N m; 93% of the torque residual)",
+            "The model is missing Coulomb friction at elbow_joint (coulomb 8.213 ± 0.041 N m; residual RMS at elbow_joint 2.98 -> 0.152 N m; "
+            "confidence 98%)",
         ),
         ("no_missing_effect", "No effect is identified, but the model of ur10e does not agree with validation.mcap"),
         (
@@ -36,25 +37,40 @@ def test_the_verdict_is_a_sentence(verdict: str, words: str) -> None:
     [
         (
             {"gap_share": 0.0, "measured_by": "lag behind the command"},
-            "; from the lag behind the command)",
-            "of the torque residual",
+            "; from the lag behind the command; confidence 98%)",
+            "residual RMS",
         ),
-        ({"gap_share": 0.0, "measured_by": "following error"}, "; from the following error)", "of the torque residual"),
+        ({"gap_share": 0.0, "measured_by": "following error"}, "; from the following error; confidence 98%)", "residual RMS"),
         (
             {"gap_share": 0.4, "measured_by": "following error"},
-            "; from the following error; 40% of the torque residual)",
+            "; from the following error; residual RMS at elbow_joint 2.98 -> 0.152 N m; confidence 98%)",
             "lag",
         ),
-        ({"gap_share": 0.4}, "; 40% of the torque residual)", "from the"),
+        ({"gap_share": 0.4}, "N m; residual RMS at elbow_joint 2.98", "from the"),
+        ({"joint": None}, "residual RMS at elbow_joint 2.98", "shoulder"),
     ],
 )
 def test_an_effect_says_what_it_is_measured_by(more: dict[str, object], said: str, unsaid: str) -> None:
-    """A torque limit explains no share of the torque residual, and an effect that another channel shows need not either."""
+    """A torque limit explains no part of the torque residual, and an effect that another channel shows need not either."""
     data = examples.diagnosis()[0]
     data["effects"][0] |= more
     text = diagnosis.sentence(data)
     assert said in text
     assert unsaid not in text
+
+
+def test_the_residual_of_an_effect_is_that_of_both_arms_at_its_joint(tmp_path: Path) -> None:
+    """The share of the fit that one effect explains is 100 % whenever it is the only one, so no screen and no page shows it."""
+    data, evidence = examples.diagnosis()
+    page = diagnosis.write(tmp_path / "page.html", data, evidence).read_text()
+    assert "2.98 → 0.152" in page
+    assert "share of the residual" not in page
+    assert "93%" not in page
+    data["gap"]["after"] = data["gap"]["before"]  # no corrected arm
+    assert "->" not in diagnosis.sentence(data)
+    assert "2.98 →" not in diagnosis.write(tmp_path / "page.html", data, evidence).read_text()
+    changed = diagnosis.sentence(examples.diagnosis()[0] | {"baseline": ["a", "b", "c"]})
+    assert "residual RMS beyond the healthy recordings at elbow_joint 2.98 -> 0.152 N m" in changed
 
 
 def test_a_simulation_that_is_unstable_has_no_error() -> None:
