@@ -58,10 +58,10 @@ def ratio(demo: dict[str, Any]) -> float:
 
 
 def row(demo: dict[str, Any]) -> dict[str, Any]:
-    """Tracking error before and after, and with the truth itself in the controller."""
+    """Tracking error before and after, and with the true arm's model in the controller."""
     hidden, error = demo["hidden"], {name: t["error_mrad"] for name, t in demo["tracking"].items()}
     where = f"{hidden['effect'].replace('_', ' ')} at {hidden['joint'] or 'the whole arm'} (seed {demo['seed']})"
-    note = f"RMS {error['nominal']:.2f} mrad before, {error['calibrated']:.2f} after, {error['the truth itself']:.2f} with the truth itself"
+    note = f"RMS {error['nominal']:.2f} mrad before, {error['calibrated']:.2f} after, {error['true arm']:.2f} with the true arm"
     return {
         "what": f"tracking error after calibration, of before: {where}", "value": f"{ratio(demo):.2f}", "unit": "", "bar": "<= 0.3",
         "note": f"{note}; {'named' if demo['right'] else 'not named'}",

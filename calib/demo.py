@@ -60,6 +60,7 @@ HIDDEN: dict[str, Draw] = {
 # Hz: half the arm's own rate, which halves the time for recording and diagnosing the same two minutes
 RATE = 250.0
 WHOLE_ARM = ("payload",)
+EXPECTED = "A poor result is expected while an effect is missing; step 6 searches for it."
 
 
 def hide(arm: Arm, home: np.ndarray, seed: int) -> ArmEffect:
@@ -82,7 +83,7 @@ def under_control(arm: Arm, hidden: ArmEffect, folder: Path, diagnosis: Mapping[
     place = folder / "diagnosis" / str(diagnosis["arm_out"]) if diagnosis.get("arm_out") else folder / "fit" / "arm"
     truth = with_effect(arm, hidden)
     motion = next(m.trajectory for m in load_plan(folder / "plan").motions if m.name == "validation")
-    models = {"nominal": arm, "calibrated": load_arm(str(place)), "the truth itself": truth}
+    models = {"nominal": arm, "calibrated": load_arm(str(place)), "true arm": truth}
     return {name: tracked(truth, model, arm, motion) for name, model in models.items()}
 
 
@@ -106,11 +107,12 @@ def write_cell(file: Path, cell: Cell, hidden: ArmEffect, seed: int) -> None:
 
 @dataclass(frozen=True)
 class DemoStep:
-    """One command of the demo: its reason, its arguments, and the exit codes after which the demo continues."""
+    """One command of the demo: its reason, its arguments, the exit codes after which the demo continues, and what exit code 1 means then."""
 
     why: str
     arguments: tuple[str, ...]
     fine: tuple[int, ...] = (0,)
+    if_poor: str = ""
 
 
 def story(arm: str, cell: Path, folder: Path) -> list[DemoStep]:
@@ -132,11 +134,13 @@ def story(arm: str, cell: Path, folder: Path) -> list[DemoStep]:
             "Fit the ordinary parameters: friction, masses, inertias.",
             ("identify", arm, *recorded, "--holdout", held_out, "--out", str(fit)),
             (0, 1),
+            EXPECTED,
         ),
         DemoStep(
             "Test the fitted arm on a motion that the fit has not seen, by torque and by forward simulation.",
             ("validate", str(fit / "arm"), held_out, "--out", str(folder / "check")),
             (0, 1),
+            EXPECTED,
         ),
         DemoStep(
             "Identify the effect behind what no ordinary parameter explains.",

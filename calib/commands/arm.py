@@ -24,7 +24,7 @@ app = typer.Typer(rich_markup_mode=None, add_completion=False, cls=Group)
 
 @app.callback()
 def command() -> None:
-    """Add an arm of your own.
+    """Add an arm: from a model file, from a UR controller, or one drive on a bench.
 
     Example:
 

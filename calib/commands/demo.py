@@ -25,7 +25,8 @@ def command(
     out: options.Out = None,
     as_json: options.Json = False,
 ) -> None:
-    """Demonstrate all steps on a simulated arm: an effect is hidden, and check, plan, record, identify and diagnose search for it.
+    """Demonstrate all steps on a simulated arm: an effect is hidden, and check, plan, record, identify, validate and
+    diagnose search for it.
 
     At the end the hidden effect is revealed; the last line is the path of the report.
 
@@ -68,6 +69,8 @@ def command(
                 conclude(f"ended at step {number}, calib {step.arguments[0]}: {sentence}")
                 raise typer.Exit(code)
             console.say(f"   {sentence[0].upper()}{sentence[1:]}. ({time.monotonic() - since:.0f} s)")
+            if code and step.if_poor:
+                console.say(f"   {step.if_poor}")
     report = folder / "diagnosis" / "report.html"
     found = json.loads((folder / "diagnosis" / "diagnosis.json").read_text(encoding="utf-8"))
     revealed = demo.reveal(hidden, found)

@@ -17,22 +17,26 @@ from calib.validation.tracking import Tracking
 FILE = "tracking.html"
 WORSE = 0.05  # relative rise of a joint's error
 LEAST_GAIN = 0.95  # share of the nominal error; if the true model leaves more, there is nothing to gain
-STYLE = {"nominal": LINE["before"], "calibrated": LINE["after"], "the truth itself": LINE["measured"]}
+STYLE = {"nominal": LINE["before"], "calibrated": LINE["after"], "true arm": LINE["measured"]}
 
 
 def sentence(joints: Sequence[str], followed: Mapping[str, Tracking]) -> str:
     """How calibration changed the tracking, and whether there was anything to gain."""
-    before, after, truth = followed["nominal"], followed["calibrated"], followed["the truth itself"]
+    before, after, truth = followed["nominal"], followed["calibrated"], followed["true arm"]
     errors = {significant(1e3 * t.rms) for t in (before, after, truth)}
     if len(errors) == 1:
         return f"The hidden effect does not change how closely the arm follows: {errors.pop()} mrad with every model"
-    out = f"With the calibrated model in its controller the arm follows to {significant(1e3 * after.rms)} mrad instead of {significant(1e3 * before.rms)} mrad"
-    each = [np.sqrt(np.mean(t.errors**2, axis=0)) for t in (before, after)]
-    worse = [joint for joint, was, now in zip(joints, *each, strict=True) if now > (1 + WORSE) * was]
-    if worse and after.rms < before.rms:
-        out += f", but less closely than with the nominal one at {listed(worse)}"
+    out = (
+        f"With the calibrated model in its controller the tracking error is {significant(1e3 * after.rms)} mrad RMS instead of "
+        f"{significant(1e3 * before.rms)} mrad with the nominal one"
+    )
+    rises = {joint: (was, now) for joint, was, now in zip(joints, before.error, after.error, strict=True) if now > (1 + WORSE) * was}
+    if rises and after.rms < before.rms:
+        most, (was, now) = max(rises.items(), key=lambda item: item[1][1] - item[1][0])
+        where = f"at {len(rises)} of {len(joints)} joints, most at {most}" if len(rises) > 1 else f"at {most}"
+        out += f"; it rises {where}, from {significant(1e3 * was)} to {significant(1e3 * now)} mrad"
     if truth.rms > LEAST_GAIN * before.rms:
-        out += f"; with the truth itself it follows to {significant(1e3 * truth.rms)} mrad, so the hidden effect leaves nothing to gain"
+        out += f"; with the model of the true arm it is {significant(1e3 * truth.rms)} mrad, so the hidden effect leaves nothing to gain"
     return out
 
 

@@ -34,7 +34,7 @@ def test_the_page_shows_every_model_and_what_was_hidden(tmp_path: Path) -> None:
     truth = with_effect(ARM, ArmEffect("payload", None, {"mass": 2.0, "com_x": 0.0, "com_y": 0.0, "com_z": 0.05}))
     followed = {
         name: tracked(truth, model, ARM, MOTION)
-        for name, model in (("nominal", ARM), ("calibrated", truth), ("the truth itself", truth))
+        for name, model in (("nominal", ARM), ("calibrated", truth), ("true arm", truth))
     }
     hidden = [["payload", "whole arm", "mass", "2 kg", "2.0 ± 0.1 kg"]]
     shown = write(tmp_path, ARM.name, ARM.joint_names, followed, "payload at the whole arm", hidden).read_text(encoding="utf-8")
