@@ -14,7 +14,7 @@ from typer.main import get_command
 
 from calib.run_folder import INVOCATION, Invocation, conclude, end_run
 from calib.terminal import answer, console
-from calib.terminal.group import Group
+from calib.terminal.group import QUIET, Group
 from calib.terminal.unexpected import EXIT_CODE, quiet_libraries, write_fault
 from sim.errors import CalibError, ConfigError
 from sim.first_use import announce
@@ -58,7 +58,7 @@ class Commands(Group):
             single = typer.Typer(rich_markup_mode=None, add_completion=False, context_settings=HELP)
             single.command(name)(module.command)
         command = get_command(single)
-        command.name = name
+        command.name, command.epilog = name, QUIET
         # examples are copied from the screen, so they must not be wrapped
         command.help = (command.help or "").replace("\n\n    calib ", "\n\n\b\n    calib ")
         lists, parse = getattr(module, "LIST_OPTIONS", ()), command.parse_args
@@ -100,7 +100,7 @@ app = typer.Typer(
     help="Make a simulated robot arm move like the real one: record, identify, validate, and find the physical effect that the model is missing.",
     epilog="Every command has --help with an example, and --quiet, which prints only warnings and errors. `calib help` shows a cheat "
     "sheet. NO_COLOR is respected. Exit codes: 0 done, 1 the answer is no, 2 usage, configuration or data, "
-    "3 safety stop, 4 device, 70 a fault of the program.",
+    "3 safety stop, 4 device, 70 a fault of the program, 130 interrupted, 141 the reader of the output has gone.",
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
     context_settings=HELP,

@@ -47,11 +47,12 @@ SHEET: dict[str, list[tuple[str, str]]] = {
     ],
 }
 NOTES = (
-    "CELL, ARM: a name in configs/, or a file. LOG: .mcap, .csv, a rosbag2 folder.",
-    "`latest` is the newest that fits: calibrated arm, plan or run.",
+    "CELL: a name in configs/, or a file. ARM: a name in configs/, or a folder.",
+    "LOG: .mcap, .csv, rosbag2 folder. `latest`: newest calibrated arm, plan or run.",
     "Every command: --help with an example, --quiet. Most: --json, --out DIR.",
     "Exit codes: 0 done, 1 the answer is no, 2 usage or data, 3 safety stop,\n"
-    "4 device, 70 a fault of the program, 130 interrupted. Ctrl-C stops a moving arm.",
+    "4 device, 70 a fault of the program, 130 interrupted, 141 the reader of the\n"
+    "output has gone. Ctrl-C stops a moving arm.",
 )
 
 
