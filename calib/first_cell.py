@@ -20,10 +20,18 @@ FOLLOWING = """[motion]
 following_error = 0.025
 
 """
-PAYLOAD = """# TODO declare the tool as it is set on the pendant, or leave this out where the flange is bare.
+# the capsule begins its radius in front of the flange; its ends are the centres of its round caps
+PAYLOAD = """# TODO declare the tool as it is set on the pendant, and its shape, or leave both out where the flange is bare. Without a shape
+# no motion with a payload is planned. See docs/safety.md.
 # [payload]
 # mass = 0.0
 # com = [0.0, 0.0, 0.0]
+#
+# [[tool]]
+# kind = "capsule"
+# name = "gripper"
+# ends = [[0.0, 0.0, 0.05], [0.0, 0.0, 0.15]]
+# radius = 0.05
 
 """
 

@@ -11,10 +11,14 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from calib import first_cell
 from calib.main import main
 from drivers import finding
+from safety.collision import Clearance
+from safety.plausible import check_plausible
 from sim.arm import load_arm
 from sim.cell import load_cell
 from sim.emulated import open_emulator
@@ -59,6 +63,20 @@ def test_a_robot_becomes_a_cell_that_can_be_checked(
     main(["check", "my-ur10e", "--seconds", "0.5", "--json"])
     checks = {c["name"]: c["ok"] for c in json.loads(capsys.readouterr().out)["checks"]}
     assert (checks["model"], checks["remote control"], checks["torque at rest"]) == (True, True, True)
+
+
+def test_the_payload_of_the_first_cell_has_the_shape_that_a_plan_needs(tmp_path: Path) -> None:
+    robot = finding.Robot("192.168.1.10", "5.11", "UR10e", "20230000000", ("ur10e",))
+    text = first_cell.of_robot("my-ur", robot, "ur10e")
+    file = tmp_path / "my-ur.toml"
+    shown = re.sub(r"^# ?(?=[a-z\[]|$)", "", text[text.index("# [payload]") : text.index("# TODO list")], flags=re.MULTILINE)
+    file.write_text(text + "\n" + shown.replace("mass = 0.0", "mass = 1.2"), encoding="utf-8")
+    cell, arm = load_cell(file), load_arm("ur10e")
+    assert cell.table.payload is not None
+    check_plausible(cell=cell, arm=arm)
+    clearance = Clearance(arm, cell)
+    near = clearance.distances(np.array(first_cell.HOME)) - clearance.margin
+    assert all(x > 0 for pair, x in zip(clearance.pairs, near, strict=True) if any("gripper" in name for name in pair))
 
 
 def test_a_network_is_queried_only_where_it_was_given(robot: str, desk: Path, monkeypatch: pytest.MonkeyPatch) -> None:
