@@ -10,6 +10,7 @@ import typer
 
 from calib.run_folder import conclude, new_run, require_free
 from calib.terminal import console, options
+from sim.errors import ConfigError
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -45,11 +46,11 @@ def command(
         calib diagnose ur10e friction.mcap excitation.mcap --holdout validation.mcap
     """
     from calib.claims.diagnosis_sentences import quantity
-    from calib.claims.of_diagnosis import is_corrected
     from calib.diagnosis.changes import diagnose_changes, require_baseline
     from calib.diagnosis.whole import diagnose_pieces
     from calib.newest_arm import named
     from calib.terminal.recordings import arm_and_logs, read_logs, read_pieces, require_unseen
+    from logs import is_log
     from sim.arm import load_arm
     from sim.required import require_identified
     from sim.units import headed
@@ -110,11 +111,52 @@ def command(
     for check in answer["data_checks"]:
         if not check["ok"]:
             console.say(f"{check['check']}: {check['detail']}")
-    console.conclusion(page.sentence(answer), page.next_steps(answer))
-    console.say(f"{folder}: diagnosis.json, {'arm/, ' if answer['arm_out'] else ''}report.html")
-    if is_corrected(answer):
-        console.next_step(["validate", folder / "arm", "OTHER_RECORDING", *options.read_as(accept_partial, assume, configs)])
+    console.conclusion(page.sentence(answer), page.next_steps(answer, folder))
+    changed = found.correction is not None
+    console.say(f"{folder}: diagnosis.json, {'arm/, ' if answer['arm_out'] and changed else ''}report.html")
+    name = subject.name if is_log(arm) else arm
+    if not changed and answer["verdict"] != "bad_data":
+        console.say(
+            f"Nothing is added to {name} or changed in it, so {'arm/ there is a copy of it' if answer['arm_out'] else 'no arm is written'}."
+        )
+    read = options.read_as(accept_partial, assume, configs)
+    recordings: list[str | Path] = [arm, *(log or []), *options.held_out(holdout), *read]
+    if then := _then(answer, changed, folder, name, recordings, read):
+        console.next_step(then)
     return code
+
+
+def _then(
+    answer: Mapping[str, Any], changed: bool, folder: Path, arm: str, recordings: list[str | Path], read: list[str | Path]
+) -> list[str | Path]:
+    """The command to type next; empty for recordings that cannot be used."""
+    from calib.claims.of_diagnosis import disagrees, is_corrected
+    from calib.report.diagnosis import noise_unknown, refit
+
+    if answer["verdict"] == "bad_data":
+        return []
+    if any(e.get("indistinguishable_from") for e in answer["effects"]):
+        return ["plan", arm, "--cell", "CELL", "--discriminate", folder]
+    if changed and (is_corrected(answer) or answer["verdict"] == "no_missing_effect"):
+        return ["validate", folder / "arm", "OTHER_RECORDING", *read]
+    if answer["effects"] or disagrees(answer) or answer["verdict"] == "unexplained":
+        return ["record", "CELL", "latest"]
+    if refit(answer):
+        return ["identify", *recordings]
+    if noise_unknown(answer):
+        return ["plan", arm, "--cell", "CELL"]
+    return ["export", _fitted(str(answer["arm"])) or arm]
+
+
+def _fitted(name: str) -> Path | None:
+    """The arm folder of the newest `calib identify`, if it is of the arm `name`."""
+    from calib.past_runs import latest
+
+    try:
+        run = latest("identify")
+    except ConfigError:
+        return None
+    return run.folder / "arm" if run.arm == name and (run.folder / "arm").is_dir() else None
 
 
 def exit_code(answer: Mapping[str, Any]) -> int:

@@ -42,6 +42,7 @@ def command(
     from calib import evidence
     from calib.newest_arm import named
     from calib.report import validation as page
+    from calib.terminal.diagnosis_of_fit import diagnosis_of_fit
     from calib.terminal.recordings import arm_and_logs, read_logs
     from calib.validation.forward import SHORT
     from calib.validation.prediction_log import write_predictions
@@ -63,11 +64,10 @@ def command(
     conclude(found.outcome)
     verdict = found.assessment.verdict
     name = subject.name if is_log(arm) else arm
-    then: list[str | Path] = (
-        ["export", name]
-        if verdict is Verdict.GOOD
-        else ["diagnose", arm, *(log or []), *options.read_as(accept_partial, assume, configs)]
-    )
+    then = diagnosis_of_fit(arm)
+    if then is None:
+        diagnosis = ["diagnose", arm, *(log or []), *options.read_as(accept_partial, assume, configs)]
+        then = ["export", name] if verdict is Verdict.GOOD else diagnosis
     if verdict is Verdict.NOTHING or (verdict is Verdict.GOOD and found.assessment.uncompared):
         then = ["plan", name]
     if as_json:

@@ -19,6 +19,7 @@ from sim.arm import Arm
 
 REFIT_HELPS = 0.2  # share by which a refit must lower a joint's residual RMS to be proposed
 MEASURE_NOISE = "Record longer motions, such as those of `calib plan` without --quick, and diagnose with them, so that the noise can be measured."
+HERE = Path()
 _VERDICTS: dict[str, Verdict] = {
     "effects_found": "found",
     "no_missing_effect": "good",
@@ -37,7 +38,7 @@ def write(path: str | Path, diagnosis: Mapping[str, Any], evidence: Mapping[str,
     arm        for the interactive curves and the arm in 3D, which are left out without it
     """
     page = Page(str(diagnosis["arm"]), sentence(diagnosis), style(diagnosis), _facts(diagnosis), "diagnosis")
-    page.aside("What to do next", actions(diagnosis))
+    page.aside("What to do next", actions(diagnosis, Path(path).parent))
     if known := remarks(diagnosis):
         page.section("What to know about it").items(known)
     if evidence.get("t") is not None:
@@ -76,13 +77,13 @@ def remarks(diagnosis: Mapping[str, Any]) -> list[str]:
     return [f"{capital(claim.sentence)}." for claim in claims(diagnosis) if claim.name in REMARKS]
 
 
-def next_steps(diagnosis: Mapping[str, Any]) -> list[str]:
-    """The remarks, then the actions."""
-    return [*remarks(diagnosis), *actions(diagnosis)]
+def next_steps(diagnosis: Mapping[str, Any], folder: Path = HERE) -> list[str]:
+    """The remarks, then the actions; folder: that of the run."""
+    return [*remarks(diagnosis), *actions(diagnosis, folder)]
 
 
-def actions(diagnosis: Mapping[str, Any]) -> list[str]:
-    """What the person at the robot should do next."""
+def actions(diagnosis: Mapping[str, Any], folder: Path = HERE) -> list[str]:
+    """What the person at the robot should do next; folder: that of the run."""
     steps = [f"{claim.sentence}." for claim in claims(diagnosis) if claim.name == "alike"]
     steps += [f"To confirm it: {e['experiment']}" for e in diagnosis.get("effects", []) if e.get("experiment")]
     verdict = diagnosis["verdict"]
@@ -90,15 +91,15 @@ def actions(diagnosis: Mapping[str, Any]) -> list[str]:
         steps.append("Find what the arm touches, and repeat the recording without it; the arm's model stays unchanged.")
     elif verdict == "effects_found" and is_corrected(diagnosis):
         steps.append(
-            f"Use the corrected arm folder “{diagnosis['arm_out']}” wherever the nominal one was used; test it with calib validate on a log that it has not seen."
+            f"Use the corrected arm folder {folder / diagnosis['arm_out']} wherever the nominal one was used; test it with calib validate on a log that it has not seen."
         )
     elif disagrees(diagnosis):
         joint = agreement(diagnosis.get("gap") or {})["joint"]
         steps.append(f"Look at {f'{joint}’s' if joint else 'the'} curves in the report, and record the motion again.")
     elif verdict == "no_missing_effect" and not diagnosis.get("refused"):
         steps.append(
-            _refit(diagnosis)
-            or (MEASURE_NOISE if _noise_unknown(diagnosis) else "Nothing to do: the model agrees with these recordings.")
+            refit(diagnosis)
+            or (MEASURE_NOISE if noise_unknown(diagnosis) else "Nothing to do: the model agrees with these recordings.")
         )
     elif verdict == "unexplained":
         steps.append(
@@ -110,17 +111,17 @@ def actions(diagnosis: Mapping[str, Any]) -> list[str]:
         )
     if diagnosis["arm_out"] is None and diagnosis.get("refused"):
         steps.append("The arm stays unchanged: none of the corrected arms that were tried is better.")
-        steps += filter(None, [_refit(diagnosis)])
+        steps += filter(None, [refit(diagnosis)])
     return steps
 
 
-def _noise_unknown(diagnosis: Mapping[str, Any]) -> bool:
+def noise_unknown(diagnosis: Mapping[str, Any]) -> bool:
     """Whether the residual was not compared with the noise, so that the agreement is unknown."""
     first = claims(diagnosis)[0]
     return first.name == "complete" and first.numbers["ratio"] is None
 
 
-def _refit(diagnosis: Mapping[str, Any]) -> str:
+def refit(diagnosis: Mapping[str, Any]) -> str:
     """What to do if only ordinary parameters are off; empty if a refit lowers no joint's residual by REFIT_HELPS."""
     gap = diagnosis.get("gap") or {}
     rows = list(zip(gap.get("joints", ()), gap.get("before", ()), gap.get("refit", ()), strict=False))

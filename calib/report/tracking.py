@@ -30,7 +30,9 @@ def sentence(joints: Sequence[str], followed: Mapping[str, Tracking]) -> str:
         f"With the calibrated model in its controller the tracking error is {significant(1e3 * after.rms)} mrad RMS instead of "
         f"{significant(1e3 * before.rms)} mrad with the nominal one"
     )
-    rises = {joint: (was, now) for joint, was, now in zip(joints, before.error, after.error, strict=True) if now > (1 + WORSE) * was}
+    rises = {
+        joint: (was, now) for joint, was, now in zip(joints, before.error, after.error, strict=True) if now > (1 + WORSE) * was
+    }
     if rises and after.rms < before.rms:
         most, (was, now) = max(rises.items(), key=lambda item: item[1][1] - item[1][0])
         where = f"at {len(rises)} of {len(joints)} joints, most at {most}" if len(rises) > 1 else f"at {most}"

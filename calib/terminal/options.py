@@ -115,3 +115,8 @@ def read_as(accept_partial: bool, assume: Sequence[str] | None, configs: Path | 
     if configs is not None:
         out += ["--configs", configs]
     return out
+
+
+def held_out(holdout: Sequence[Path] | None) -> list[str | Path]:
+    """--holdout with its recordings; empty without any."""
+    return ["--holdout", *holdout] if holdout else []
