@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from calib.claims.diagnosis_sentences import listed
 from calib.report.figure import LINE, axes, draw_line, name
 from calib.report.page import Page
 from calib.terminal.quantity import significant
