@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 from contextlib import closing, nullcontext
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from calib.run_folder import SIMULATED, conclude, lock_cell
 from calib.terminal import console, options
-from sim.errors import AnswerIsNo
+from sim.errors import AnswerIsNo, SafetyStop
+
+if TYPE_CHECKING:
+    from drivers.driver import Check
+    from sim.arm import Arm
+    from sim.cell import Cell
 
 _WORDS = {True: "ok", False: "NO", None: "noted"}
 
@@ -62,7 +67,7 @@ def command(
         waits = table.table.driver not in ("mock", "replay")
         with realtime.prepared() if waits else nullcontext(), closing(open_driver(table, arm)) as driver:
             driver.info = driver.inspect()
-            checks = preflight(driver, table, seconds)
+            checks = [*preflight(driver, table, seconds), _settings(arm, table)]
             if move and all(check.ok is not False for check in checks):
                 console.warn_control(table, driver)
                 with driver:
@@ -87,3 +92,18 @@ def command(
     if not as_json:
         console.say(f"{outcome}.")
         console.next_step(then)
+
+
+def _settings(arm: Arm, cell: Cell) -> Check:
+    """What `calib plan` refuses before it plans: a payload without a shape, and settings that switch a rule off."""
+    from drivers.driver import Check
+    from safety.plausible import check_plausible
+
+    try:
+        check_plausible(arm, cell)
+    except SafetyStop as refusal:
+        detail, _, remedy = str(refusal).partition("; ")
+        return Check("settings", False, detail, remedy)
+    load = cell.table.payload
+    shape = ", and the payload has a shape" if load is not None and load.mass > 0 and cell.table.tool else ""
+    return Check("settings", True, f"limits and tolerances of arm and cell are in the usual range{shape}")

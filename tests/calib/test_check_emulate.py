@@ -41,6 +41,24 @@ def test_a_failed_check_is_exit_code_1_with_what_to_do(tmp_path: Path, capsys: p
     assert "torque at rest" in printed.err
 
 
+def test_what_plan_would_refuse_fails_the_check_with_the_remedy(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "loaded.toml"
+    text = 'schema = "cell/1"\nname = "loaded"\narm = "ur10e"\ndriver = "mock"\nhome = [0.0, -1.4, 1.3, -1.4, -1.2, 0.3]\n'
+    load = "[payload]\nmass = 1.2\ncom = [0.0, 0.0, 0.05]\n"
+    path.write_text(text + load)
+    assert main(["check", str(path), "--seconds", "0.1"]) == 1
+    printed = capsys.readouterr()
+    assert "payload.mass = 1.2 kg has no shape" in printed.out
+    assert "settings: describe it with [[tool]], or" in printed.out
+    refused = " ".join(printed.err.split())
+    assert "settings: must be put right" in refused
+    assert main(["plan", "ur10e", "--cell", str(path), "--out", str(tmp_path / "plan")]) == 3
+    path.write_text('assume = ["payload-without-shape"]\n' + text + load)
+    main(["check", str(path), "--seconds", "0.1", "--json"])
+    checks = {check["name"]: check["ok"] for check in json.loads(capsys.readouterr().out)["checks"]}
+    assert checks["settings"] is True
+
+
 def test_a_controller_that_is_not_there_is_exit_code_4_with_what_to_do(ur: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["check", str(ur)]) == 4
     assert "see that the robot is on" in capsys.readouterr().err
