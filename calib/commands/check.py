@@ -70,8 +70,9 @@ def command(
             checks = [*preflight(driver, table, seconds), _settings(arm, table)]
             if move and all(check.ok is not False for check in checks):
                 console.warn_control(table, driver)
+                show(0, "verifying the motions; nothing moves yet", True)
                 with driver:
-                    checks += try_joints(driver, table, signals.reason, lambda sentence: show(0, sentence))
+                    checks += try_joints(driver, table, signals.reason, lambda what: show(0, moving(what), True))
     failed = [check for check in checks if check.ok is False]
     noted = sum(check.ok is None and not check.name.startswith("assumed: ") for check in checks)
     passed = sum(check.ok is True for check in checks)
@@ -92,6 +93,11 @@ def command(
     if not as_json:
         console.say(f"{outcome}.")
         console.next_step(then)
+
+
+def moving(what: str) -> str:
+    """The live line while the arm moves; `what` up to its first comma, so that the line fits a terminal of 80 columns."""
+    return f"MOVING {what.partition(',')[0]}; Ctrl-C stops"
 
 
 def _settings(arm: Arm, cell: Cell) -> Check:

@@ -9,7 +9,7 @@ import typer
 
 from calib.run_folder import conclude, new_run, require_free
 from calib.terminal import console, options
-from calib.terminal.quantity import percentages
+from calib.terminal.quantity import percentages, share
 
 
 def command(
@@ -81,7 +81,7 @@ def command(
         rows = []
         for j, joint in enumerate(subject.joint_names):
             left = check.residual[j] / check.signal[j] if check.signal[j] > 0 else float("nan")
-            row = [joint, float(check.residual[j]), float(check.unfiltered[j]), float(check.signal[j]), console.share(left)]
+            row = [joint, float(check.residual[j]), float(check.unfiltered[j]), float(check.signal[j]), share(left)]
             row += [] if constant is None else [float(check.residual[j] / constant[j])]
             if check.short is not None:
                 bound = float("nan") if check.bound is None else check.bound[j]
@@ -98,10 +98,7 @@ def command(
     joints = zip(subject.joint_names, found.assessment.left, found.assessment.limit, found.assessment.verdicts, strict=True)
     console.table(
         ["joint", "residual share", "limit", "verdict"],
-        [
-            [j, *((None, console.share(limit)) if math.isnan(x) else percentages(x, limit)), v.value]
-            for j, x, limit, v in joints
-        ],
+        [[j, *((None, share(limit)) if math.isnan(x) else percentages(x, limit)), v.value] for j, x, limit, v in joints],
         "verdict",
     )
     first, *more = [claim.sentence for claim in found.claims]

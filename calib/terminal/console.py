@@ -32,6 +32,7 @@ if TYPE_CHECKING:
 
 # --quiet: no tables, sentences or progress, only warnings, errors, questions, and JSON if requested
 QUIET: ContextVar[bool] = ContextVar("quiet", default=False)
+WIDE = 110  # columns; in a narrower terminal the bar leaves its place to the text
 _BARS: list[Progress] = []  # the bars that `progress` draws now
 # JSON escapes C0 by itself; C1, bidirectional marks and lone surrogates would reach a terminal
 _STEERING = re.compile("[\x7f-\x9f\u061c\u200b-\u200f\u2028-\u202e\u2060-\u206f\ud800-\udfff\ufeff]")
@@ -49,16 +50,14 @@ def say(sentence: str) -> None:
 
     On a terminal it is wrapped between words, with its own indentation. Text to be copied is printed by `copyable`.
     """
-    if QUIET.get():
-        return
-    _print(_out(), _wrapped(sentence, _out()))
+    if not QUIET.get():
+        _print(_out(), _wrapped(sentence, _out()))
 
 
 def copyable(line: str) -> None:
     """Print a line to be copied, such as a command or a path, on standard output; it is never wrapped."""
-    if QUIET.get():
-        return
-    _print(_out(), printable(line))
+    if not QUIET.get():
+        _print(_out(), printable(line))
 
 
 def next_step(words: Sequence[str | Path]) -> None:
@@ -139,11 +138,6 @@ def cell(value: Any) -> str:
     return f"{value:.4g}" if isinstance(value, float) else printable(value)
 
 
-def share(x: float) -> str | None:
-    """As a percentage; None for NaN, which a table shows as a dash."""
-    return None if math.isnan(x) else f"{x:.1%}"
-
-
 def print_json(data: Any) -> None:
     """`data` as one strict JSON document: arrays as lists, NaN and infinities as null, paths as text."""
     text = json.dumps(plain(data), indent=2, ensure_ascii=False, allow_nan=False)
@@ -172,28 +166,32 @@ def plain(data: Any) -> Any:
 
 @contextmanager
 def progress(description: str, total: float | None = None) -> Iterator[Callable[..., None]]:
-    """Progress on standard error while the block runs; call the yielded `advance(step=1, text=None)` as work gets done.
+    """Progress on standard error while the block runs; call the yielded `advance(step=1, text=None, alone=False)` as work gets done.
+
+    The text is shown after the description, or alone.
 
     On a terminal a bar that vanishes at the end; elsewhere one plain line at the start, so that log files stay readable.
     """
     console, description = _err(), printable(description)
     if QUIET.get():
-        yield lambda step=1, text=None: None
+        yield lambda step=1, text=None, alone=False: None
         return
     if not console.is_terminal:
         with suppress(OSError):
             console.print(f"{description} ...", markup=False, highlight=False, soft_wrap=True)
-        yield lambda step=1, text=None: None
+        yield lambda step=1, text=None, alone=False: None
         return
-    columns = [SpinnerColumn(), TextColumn("{task.description}", markup=False), BarColumn(bar_width=30)]
+    bar_width = 30 if console.width >= WIDE else 8
+    columns = [SpinnerColumn(), TextColumn("{task.description}", markup=False), BarColumn(bar_width=bar_width)]
     if total is not None:
         columns.append(MofNCompleteColumn())
     with Progress(*columns, TimeElapsedColumn(), console=console, transient=True) as bar:
         _BARS.append(bar)
         task = bar.add_task(description, total=total)
 
-        def advance(step: float = 1, text: str | None = None) -> None:
-            bar.update(task, advance=step, description=description if text is None else f"{description}: {printable(text)}")
+        def advance(step: float = 1, text: str | None = None, alone: bool = False) -> None:
+            words = [*([] if alone and text else [description]), *([printable(text)] if text else [])]
+            bar.update(task, advance=step, description=": ".join(words))
 
         try:
             yield advance

@@ -42,6 +42,11 @@ def significant(value: float, digits: int = 2) -> str:
     return f"{short:.0f}" if 10**digits <= abs(short) < 1e6 else f"{value:.{digits}g}"
 
 
+def share(x: float) -> str | None:
+    """As a percentage; None for NaN, which a table shows as a dash."""
+    return None if math.isnan(x) else f"{x:.1%}"
+
+
 def percentages(value: float, limit: float) -> tuple[str, str]:
     """A share and its limit in percent: the share to one decimal, its limit to three digits; more if both would read the same."""
     return _distinct(value, limit, lambda x, more: f"{100 * x:.{1 + more}f}%", lambda x: f"{100 * x:.3g}%")

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+from calib.commands.check import moving
 from calib.terminal import console, options
 from sim.cell import load_cell
 
@@ -92,6 +93,23 @@ def test_a_question_and_a_warning_stand_alone_while_there_is_a_bar(monkeypatch: 
     assert not console._BARS
     lines = screen.getvalue().replace("\x1b[2K", "\r").replace("\n", "\r").split("\r")
     assert "calib: look here" in lines
+
+
+def test_a_text_stands_alone_on_request_and_fits_80_columns(monkeypatch: pytest.MonkeyPatch) -> None:
+    screen = io.StringIO()
+    terminal = Console(file=screen, width=80, force_terminal=True)
+    monkeypatch.setattr(console, "_err", lambda: terminal)
+    text = moving("shoulder_pan_joint by +2 deg")
+    with console.progress("asking the device of emulated-ur10e") as advance:
+        advance(0, "rate")
+        console._BARS[0].refresh()
+        advance(0, text, True)
+        console._BARS[0].refresh()
+    assert "asking the device of emulated-ur10e: rate" in screen.getvalue()
+    assert text == "MOVING shoulder_pan_joint by +2 deg; Ctrl-C stops"
+    assert text in screen.getvalue()
+    assert f"emulated-ur10e: {text}" not in screen.getvalue()
+    assert moving("3 slow lines there and back, for the gravity torque") == "MOVING 3 slow lines there and back; Ctrl-C stops"
 
 
 def test_completion_offers_what_is_shipped() -> None:
