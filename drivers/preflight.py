@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from drivers.driver import Check, DeviceInfo, Driver
+from drivers.remedies import of_clock, of_rate
 from sim.arm import Arm, ArmEffect
 from sim.cell import Cell, PayloadTable
 from sim.effects import with_effect
@@ -49,7 +50,7 @@ def preflight(driver: Driver, cell: Cell, seconds: float = 1.0) -> list[Check]:
         _payload(cell, info),
         _mounting(arm, info),
         _gravity(arm, cell, states),
-        *_timing(driver.rate, states),
+        *_timing(driver.rate, cell, states),
         *driver.checks(),
         *(Check(f"assumed: {name}", None, sentence) for name, sentence in cell.assumed.items()),
     ]
@@ -225,7 +226,7 @@ def stated_friction(arm: Arm) -> np.ndarray:
     return values_of(arm, "coulomb_friction", "coulomb")
 
 
-def _timing(rate: float, states: list[JointState]) -> list[Check]:
+def _timing(rate: float, cell: Cell, states: list[JointState]) -> list[Check]:
     device = np.diff([s.t_device for s in states])
     host = np.diff([s.t for s in states])
     if not np.all(device > 0):
@@ -240,11 +241,11 @@ def _timing(rate: float, states: list[JointState]) -> list[Check]:
             "rate", abs(measured / rate - 1.0) <= RATE_TOLERANCE and missing <= LOST_TOLERANCE * len(device),
             f"{measured:.1f} Hz of {rate:.1f} Hz, {missing} of {len(device) + missing} samples missing, "
             f"longest wait on this computer {1e3 * float(np.max(host)):.1f} ms",
-            "use a dedicated wired connection, close other clients of the device, and stop other work on this computer",
+            of_rate(cell),
         ),
         Check(
             "device clock", abs(slope) <= CLOCK_TOLERANCE + 0.01 / float(np.sum(device)),
             f"device and host clock differ by {1e6 * slope:.0f} ppm over {np.sum(device):.1f} s",
-            "look for a program that steps the clock or slows this one down, then check again",
+            of_clock(cell),
         ),
     ]  # fmt: skip

@@ -10,6 +10,7 @@ import can
 
 from drivers.can_servo.damiao_box import DamiaoBox
 from drivers.can_servo.lawicel import LawicelBus
+from drivers.remedies import START, is_emulated
 from sim.can_wiring import CanOptions
 from sim.errors import ConfigError, DeviceError
 from sim.resources import nearest
@@ -55,7 +56,8 @@ def opened(options: CanOptions) -> can.BusABC:
         bus = _made(options)
     # python-can's interfaces raise all of these, NotImplementedError for what an adapter cannot do
     except (can.CanError, OSError, ValueError, TypeError, NotImplementedError, ImportError) as error:
-        raise DeviceError(f"{where}: cannot be opened ({error}); {REMEDIES.get(options.interface, REMEDY)}") from error
+        remedy = START if is_emulated(options.model_dump()) else REMEDIES.get(options.interface, REMEDY)
+        raise DeviceError(f"{where}: cannot be opened ({error}); {remedy}") from error
     if options.data_bitrate is not None and bus.protocol not in FD_PROTOCOLS:
         bus.shutdown()
         raise DeviceError(

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import ipaddress
 from collections.abc import Collection
 
 from drivers.driver import Check
+from drivers.remedies import at_emulator
 from drivers.ur_rtde.condition import other_program, power, safety, slider
 from drivers.ur_rtde.dashboard import ControllerInfo
 from drivers.ur_rtde.options import UrOptions
@@ -59,7 +59,7 @@ def serial(info: ControllerInfo, options: UrOptions) -> Check:
         return Check("serial", None, "this version does not report its serial number")
     if options.serial is None:
         return Check(
-            "serial", None if _emulated(options.host) else False, f"the robot reports serial number {info.serial}, the cell file states none",
+            "serial", None if at_emulator(options.host) else False, f"the robot reports serial number {info.serial}, the cell file states none",
             f'check that it is the robot you mean, then write serial = "{info.serial}" into [options] of the cell file', "serial-as-found",
         )  # fmt: skip
     return Check(
@@ -82,14 +82,6 @@ def safety_checksum(found: int | None, options: UrOptions) -> Check:
         f"the number of the safety configuration is {found}, {stated}; the pendant shows it as characters",
         "somebody has changed the safety configuration: compare it with your risk assessment, then correct safety_checksum in the cell file",
     )  # fmt: skip
-
-
-def _emulated(host: str) -> bool:
-    """Whether only an emulated controller can have this address; a tunnel to a real one usually ends at 127.0.0.1."""
-    try:
-        return ipaddress.ip_address(host).is_loopback and host not in ("127.0.0.1", "::1")
-    except ValueError:
-        return False
 
 
 def tcp(values: dict[str, tuple[float, ...]]) -> Check:

@@ -11,10 +11,15 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
+from drivers.remedies import START, at_emulator
 from drivers.ur_rtde.wire import BrokenStream, Recipe, Splitter, request
 from sim.errors import DeviceError
 
 PORT = 30004
+REMEDY = (
+    "see that the robot is on and its network cable is in, that [options] host is the address shown in Settings > System > Network, and "
+    "that RTDE is enabled in Settings > Security > Services"
+)
 CONNECT_TIMEOUT = 3.0  # s for each answer during the handshake
 LAG_WINDOW = 10.0  # s over which the smallest transport delay is kept; 200 ppm of clock drift are 2 ms in that time
 REPEATS_MAX = 3
@@ -87,10 +92,8 @@ class Receiver:
             self._handshake()
         except OSError as error:
             self.close()
-            raise DeviceError(
-                f"no RTDE at {self.host}:{PORT} ({error}); see that the robot is on and its network cable is in, that [options] "
-                "host is the address shown in Settings > System > Network, and that RTDE is enabled in Settings > Security > Services"
-            ) from error
+            remedy = START if at_emulator(self.host) else REMEDY
+            raise DeviceError(f"no RTDE at {self.host}:{PORT} ({error}); {remedy}") from error
         except BrokenStream as error:
             self.close()
             raise DeviceError(f"{self.host}:{PORT} does not speak RTDE as expected: {error}; is it a UR controller?") from error

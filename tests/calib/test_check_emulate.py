@@ -61,7 +61,12 @@ def test_what_plan_would_refuse_fails_the_check_with_the_remedy(tmp_path: Path, 
 
 def test_a_controller_that_is_not_there_is_exit_code_4_with_what_to_do(ur: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["check", str(ur)]) == 4
-    assert "see that the robot is on" in capsys.readouterr().err
+    assert "start `calib emulate CELL`" in capsys.readouterr().err
+    there = ur_cell(ur.parent / "tunnel.toml", "127.0.0.1")
+    assert main(["check", str(there)]) == 4
+    printed = capsys.readouterr().err
+    assert "see that the robot is on" in printed
+    assert "emulate" not in printed
 
 
 def test_check_goes_over_the_wire(ur: Path, capsys: pytest.CaptureFixture[str]) -> None:

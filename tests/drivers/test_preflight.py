@@ -11,6 +11,7 @@ import pytest
 from drivers.driver import Check, DeviceInfo
 from drivers.mock import MockDriver
 from drivers.preflight import held_by, preflight
+from drivers.remedies import BUSY, CAN_RATE, WIRED_RATE
 from sim.arm import Arm, ArmEffect, load_arm
 from sim.cell import Cell, load_cell
 from sim.effects import with_effect
@@ -44,6 +45,22 @@ def test_a_healthy_arm_passes_and_what_it_does_not_say_stays_open(arm: Arm, cell
     checks = checked(arm, cell)
     assert [c.name for c in checks.values() if c.ok is False] == []
     assert checks["payload"].ok is None
+
+
+def test_the_remedy_for_a_late_device_is_one_that_it_has(arm: Arm, cell: Cell) -> None:
+    """No cable leads to an emulator, and a CAN bus has no clients."""
+
+    def remedies(driver: str, **options: object) -> set[str]:
+        table = cell.table.model_copy(update={"driver": driver, "options": options})
+        with MockDriver.from_cell(cell, arm) as mock:
+            mock.faults.append(lambda s: replace(s, t_device=2.0 * s.t_device))
+            checks = preflight(mock, replace(cell, table=table), 0.2)
+        return {check.remedy for check in checks if check.name in ("rate", "device clock") and check.ok is False}
+
+    assert remedies("ur_rtde", host="127.0.0.2") == remedies("can_servo", channel="runs/emulated-servo6.tty") == {BUSY}
+    assert WIRED_RATE in remedies("ur_rtde", host="192.168.0.2")
+    assert WIRED_RATE in remedies("ur_rtde", host="127.0.0.1")
+    assert CAN_RATE in remedies("can_servo", interface="socketcan", channel="can0")
 
 
 @pytest.mark.parametrize(

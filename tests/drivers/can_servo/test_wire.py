@@ -158,9 +158,13 @@ def test_drives_are_looked_at_over_the_wire(tmp_path, servo6):
 
 
 def test_an_adapter_that_is_not_there_is_one_sentence(tmp_path, servo6):
-    driver = CanServo.from_cell(wire_cell("slcan", tmp_path), servo6)
+    cell = wire_cell("slcan", tmp_path)
     with pytest.raises(DeviceError, match=r"cannot be opened.*plug the adapter in"):
-        driver.connect()
+        CanServo.from_cell(cell, servo6).connect()
+    options = {**cell.table.options, "channel": str(tmp_path / "emulated-arm.tty")}
+    cell = dataclasses.replace(cell, table=cell.table.model_copy(update={"options": options}))
+    with pytest.raises(DeviceError, match=r"cannot be opened.*start `calib emulate CELL`"):
+        CanServo.from_cell(cell, servo6).connect()
 
 
 @pytest.fixture

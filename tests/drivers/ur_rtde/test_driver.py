@@ -75,7 +75,7 @@ def test_the_preflight_of_a_healthy_robot_says_yes(pair: Pair, cell: Callable[..
         ("emergency_stop", "turn the button back"),
         ("slider_moved", "100 %"),
         ("fieldbus", "EtherNet/IP"),
-        ("refuse", "see that the robot is on"),
+        ("refuse", "start `calib emulate CELL`"),
     ],
 )
 def test_a_robot_that_is_not_ready_is_refused_with_what_to_do(pair: Pair, fault: str, word: str) -> None:
