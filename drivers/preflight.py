@@ -245,7 +245,6 @@ def _timing(rate: float, cell: Cell, states: list[JointState]) -> list[Check]:
         ),
         Check(
             "device clock", abs(slope) <= CLOCK_TOLERANCE + 0.01 / float(np.sum(device)),
-            f"device and host clock differ by {1e6 * slope:.0f} ppm over {np.sum(device):.1f} s",
-            of_clock(cell),
+            f"device and host clock differ by {1e6 * slope:.0f} ppm over {np.sum(device):.1f} s", of_clock(cell),
         ),
     ]  # fmt: skip
