@@ -59,27 +59,31 @@ def command(
     folder = new_run(first.arm, "report", out)
     path = page_of.write(folder / "report.html", a, b, changes)
     if as_json:
-        rows = [
+        found_in = [
             {"parameter": c.name, "joint": c.joint or None, "first": c.a, "second": c.b, "sigmas": c.sigmas} for c in changes
         ]
         console.print_json(
             {
                 "schema": "comparison/1",
                 "outcome": sentence(a, b, changes),
-                "changes": rows,
+                "changes": found_in,
                 "first": a.gap,
                 "second": b.gap,
                 "page": path,
             }
         )
         return
-    rows_shown = [
-        [c.joint or "whole arm", _shown(c.a), _shown(c.b), f"{c.sigmas:.1f}" if c.sigmas >= 0 else None, c.name]
-        for c in changes[:MOST]
+    # parameters in one run only: another effect in two diagnoses, but nothing to compare in a fit and a diagnosis
+    kinds = {run.kind.partition(",")[0] for run in (a, b)}
+    rows = [
+        [c.name, c.joint or "whole arm", f"{c.sigmas:.1f}" if c.sigmas >= 0 else None, _shown(c.a), _shown(c.b)]
+        for c in changes
+        if len(kinds) == 1 or None not in (c.a, c.b)
     ]
-    console.table(["joint", "first", "second", "change [std]", "parameter"], rows_shown)
-    if len(changes) > MOST:
-        console.say(f"{len(changes) - MOST} more on the page")
+    if rows:
+        console.table(["parameter", "joint", "change [std]", "first", "second"], rows[:MOST])
+    if len(rows) > MOST:
+        console.say(f"{len(rows) - MOST} more on the page")
     console.say(f"{sentence(a, b, changes)}.")
     console.say(str(path))
 

@@ -32,11 +32,11 @@ def write(path: str | Path, a: RunNumbers, b: RunNumbers, changes: Sequence[Chan
         page.section("What changed").figure(
             figure, "The parameters that both runs have, the largest changes first (at most 40)."
         )
-    rows = [
-        [c.name, c.joint, *_numbers(c.a), *_numbers(c.b), round(c.sigmas, 1), _unit(c)]
-        for c in changes
-    ]  # fmt: skip
-    page.section("Parameters").table(["parameter", "joint", "first", "± std", "second", "± std", "change [std]", "unit"], rows)
+    rows = [[c.name, c.joint, round(c.sigmas, 1), *_numbers(c.a), *_numbers(c.b), _unit(c)] for c in changes]
+    if rows:
+        page.section("Parameters").table(
+            ["parameter", "joint", "change [std]", "first", "± std", "second", "± std", "unit"], rows
+        )
     joints = list(dict.fromkeys([*a.gap, *b.gap]))
     page.section("Residual").table(
         ["joint", f"first [{a.unit.replace('*', ' ')}]", f"second [{b.unit.replace('*', ' ')}]", "second / first"],

@@ -1,15 +1,18 @@
 """`calib report` shows what one run found, and what changed between two."""
 
 import json
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from rich.console import Console
 
 from calib.main import main
 from calib.past_runs import read_run
 from calib.report import comparison, diagnosis
 from calib.run_folder import end_run, new_run
+from calib.terminal import console
 from calib.validation.comparison import compare, found
 from tests.calib.report import examples
 from tests.calib.report.test_identification import fit
@@ -69,6 +72,34 @@ def test_a_fit_and_a_diagnosis_share_no_parameter(tmp_path: Path) -> None:
     assert "The runs share no parameter" in html
     # their residuals pass different filters
     assert "residual RMS is" not in html
+
+
+def test_what_cannot_be_compared_is_no_table(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    fit().write(new_run("ur10e", "identify", Path("runs/fit")) / "result.json")
+    diagnosed("runs/a", 8.2)
+    assert main(["report", "runs/fit", "runs/a", "--out", "runs/c"]) == 0
+    assert capsys.readouterr().out == "The runs share no parameter.\nruns/c/report.html\n"
+    for name in ("runs/d", "runs/e"):
+        data, _ = examples.diagnosis("no_missing_effect")
+        (new_run("ur10e", "diagnose", Path(name)) / "diagnosis.json").write_text(json.dumps(data))
+    assert main(["report", "runs/d", "runs/e", "--out", "runs/f"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines == ["The runs share no parameter; the residual RMS is 1.00 times that of d.", "runs/f/report.html"]
+    assert "<h2>Parameters" not in Path("runs/f/report.html").read_text()
+    assert main(["report", "runs/a", "runs/d", "--out", "runs/g"]) == 0
+    assert "coulomb_friction coulomb" in capsys.readouterr().out
+
+
+def test_a_change_is_beside_its_parameter_in_80_columns(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    diagnosed("runs/a", 8.2)
+    diagnosed("runs/b", 9.2)
+    monkeypatch.setattr(console, "_out", lambda: Console(file=sys.stdout, width=80))
+    assert main(["report", "runs/a", "runs/b", "--out", "runs/c"]) == 0
+    heading, row = capsys.readouterr().out.splitlines()[:2]
+    assert heading.split("  ")[0] == "parameter"
+    assert row.split()[:4] == ["coulomb_friction", "coulomb", "elbow_joint", "17.2"]
 
 
 def test_a_run_without_a_result_and_a_damaged_one(capsys: pytest.CaptureFixture[str]) -> None:
