@@ -2,14 +2,29 @@
 
 from __future__ import annotations
 
+import re
 import textwrap
 from collections.abc import Sequence
+from typing import Any
 
 from rich.cells import cell_len
 
 GAP = "  "
 LEAST = 22  # columns of text are not made narrower
 HANGING = 4  # indentation of a long last column below its row
+# spaces at which no line is broken: before a unit, within a unit, around ± and within brackets
+GLUE = "\x1f"
+_UNIT = r"(?:per turn|[mk]?N|k?g|m?rad|deg|degC|°C|[mµ]?s|min|mm?|k?Hz|m?A|ppm|bit|[kMG]B)(?![A-Za-z])"
+_GLUED = re.compile(
+    rf"(?<=\d) (?={_UNIT})|(?<=\bN) (?=m\b)|(?<=\bN m) (?=s/)|(?<=\bkg) (?=m\^2)|(?<=\bper) (?=turn)|(?<=\d) (?=±)|(?<=±) (?=\d)"
+)
+_BRACKETS = re.compile(r"\[[^\][]{1,20}\]")
+
+
+def folded(text: str, width: int, **how: Any) -> list[str]:
+    """`text` in lines of at most `width`, with no break between a number and its unit."""
+    whole = _GLUED.sub(GLUE, _BRACKETS.sub(lambda found: found[0].replace(" ", GLUE), text))
+    return [line.replace(GLUE, " ") for line in textwrap.wrap(whole, width, **how)]
 
 
 def wrapped(text: str, width: int) -> str:
@@ -17,7 +32,7 @@ def wrapped(text: str, width: int) -> str:
     out = []
     for line in text.split("\n"):
         indent = line[: len(line) - len(line.lstrip())]
-        fits = textwrap.wrap(
+        fits = folded(
             line, width, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False, replace_whitespace=False
         )
         out += fits if len(line) > width else [line]
@@ -38,7 +53,12 @@ def lines(headers: Sequence[str], rows: Sequence[Sequence[str]], numeric: Sequen
     last = len(headers) - 1
     below = not listed and last > 0 and not numeric[last] and natural[last] > LEAST
     kept = list(range(last if below else last + 1))
-    least = [natural[k] if numeric[k] or k == 0 else min(natural[k], LEAST) for k in range(len(headers))]
+    # with its heading folded, a column is as wide as its cells and the longest word of the heading
+    whole = [
+        max([*map(cell_len, folded(headers[k], 1, break_long_words=False)), *(cell_len(row[k]) for row in rows)])
+        for k in range(len(headers))
+    ]
+    least = [whole[k] if numeric[k] or k == 0 else min(whole[k], LEAST) for k in range(len(headers))]
     groups: list[list[int]] = [[kept[0]]]
     for k in kept[1:]:
         if sum(least[i] for i in (*groups[-1], k)) + len(GAP) * len(groups[-1]) > width and len(groups[-1]) > 1:
@@ -47,7 +67,8 @@ def lines(headers: Sequence[str], rows: Sequence[Sequence[str]], numeric: Sequen
     out: list[tuple[str, bool]] = []
     for number, group in enumerate(groups):
         space = width - len(GAP) * (len(group) - 1)
-        widths = _shared([natural[k] for k in group], [least[k] for k in group], space)
+        widths = _shared([natural[k] for k in group], [whole[k] for k in group], space)
+        widths = _shared(widths, [least[k] for k in group], space)
         under = [row[last] for row in rows] if below and number == 0 else None
         title = [headers[k] for k in group]
         if number:
@@ -73,32 +94,35 @@ def _grid(
     headers: Sequence[str], rows: Sequence[Sequence[str]], numeric: Sequence[bool], widths: Sequence[int],
     under: Sequence[str] | None = None, width: int = 0, heading: str = "",
 ) -> list[tuple[str, bool]]:  # fmt: skip
-    out = [(line, True) for line in _row(headers, numeric, widths)]
+    out = [(line, True) for line in _row(headers, numeric, widths, bottom=True)]
     if under is not None and heading:
         out.append((" " * HANGING + heading, True))
     for k, row in enumerate(rows):
         out += [(line, False) for line in _row(row, numeric, widths)]
         if under is not None and under[k]:
             indent = " " * HANGING
-            folded = textwrap.wrap(
+            below = folded(
                 under[k], max(width, 2 * HANGING), initial_indent=indent, subsequent_indent=indent, break_long_words=False
             )
-            out += [(line, False) for line in folded]
+            out += [(line, False) for line in below]
     return out
 
 
-def _row(cells: Sequence[str], numeric: Sequence[bool], widths: Sequence[int]) -> list[str]:
-    """A row of the grid, with as many lines as its tallest cell."""
-    folded = [
+def _row(cells: Sequence[str], numeric: Sequence[bool], widths: Sequence[int], bottom: bool = False) -> list[str]:
+    """A row of the grid, with as many lines as its tallest cell; bottom: the others begin further down."""
+    parts_of = [
         [text]
         if cell_len(text) <= widths[k]
-        else textwrap.wrap(text, max(widths[k], 1), break_on_hyphens=False, break_long_words=k + 1 < len(cells)) or [""]
+        else folded(text, max(widths[k], 1), break_on_hyphens=False, break_long_words=k + 1 < len(cells)) or [""]
         for k, text in enumerate(cells)
     ]
+    tallest = max((len(part) for part in parts_of), default=0)
+    if bottom:
+        parts_of = [[""] * (tallest - len(part)) + part for part in parts_of]
     lines = []
-    for depth in range(max((len(part) for part in folded), default=0)):
+    for depth in range(tallest):
         parts = []
-        for k, part in enumerate(folded):
+        for k, part in enumerate(parts_of):
             text = part[depth] if depth < len(part) else ""
             space = " " * max(widths[k] - cell_len(text), 0)
             parts.append(space + text if numeric[k] else text + space)

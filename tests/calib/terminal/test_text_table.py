@@ -7,7 +7,7 @@ import itertools
 import pytest
 
 from calib.terminal.quantity import pair, percentages, rounded, significant_beside
-from calib.terminal.text_table import lines
+from calib.terminal.text_table import lines, wrapped
 
 JOINTS = ["shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint"]
 VALIDATE = [
@@ -33,9 +33,28 @@ def test_a_wide_table_of_numbers_becomes_parts_with_the_first_column() -> None:
     table = shown(VALIDATE, rows, [False, *[True] * 7])
     assert max(map(len, table)) <= 80
     assert sum(line.startswith("joint") for line in table) == 2
-    text = "\n".join(table)
-    for word in itertools.chain(VALIDATE, *rows):
+    text = " ".join("\n".join(table).split())
+    for word in itertools.chain(" ".join(VALIDATE).split(), *rows):
         assert word in text
+
+
+def test_a_heading_is_folded_before_a_table_is_split_and_its_unit_stays_whole() -> None:
+    headers = ["joint", "before", "after parameter refit", "after [N m]"]
+    rows = [["shoulder_pan_joint", "3.175", "3.148", "3.156"]]
+    assert shown(headers, rows, [False, *[True] * 3], 48) == [
+        "                                  after",
+        "                              parameter    after",
+        "joint               before        refit    [N m]",
+        "shoulder_pan_joint   3.175        3.148    3.156",
+    ]
+
+
+def test_no_line_ends_between_a_number_and_its_unit() -> None:
+    text = "the residual RMS is 20.3 N m at 4.0 ± 1.2 N m s/rad, 3 kg m^2, 10 per turn and 12 mrad of 5 m"
+    for width in range(12, 60):
+        for line in wrapped(text, width).splitlines():
+            assert not line.endswith(("20.3", "N", "4.0", "±", "1.2", " 3", "kg", "10", "12", " 5", "per"))
+        assert " ".join(wrapped(text, width).split()) == text
 
 
 def test_a_long_last_column_goes_below_its_row() -> None:
