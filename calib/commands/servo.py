@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from drivers.can_servo.scan import Found
     from drivers.can_servo.service import Look
 
+ON = {True: "on", False: "off", None: "not reported"}
+
 
 class CellOrVerb(Group):
     """Treats a first word that is not a subcommand as a cell to look at."""
@@ -51,7 +53,9 @@ def look(
     off: Annotated[bool, typer.Option(help="torque off for this joint")] = False,
     supported: Annotated[
         bool,
-        typer.Option(help="the arm is supported: without brakes, torque off drops it, and some drives answer only that order"),
+        typer.Option(
+            help="the arm is supported: without brakes, torque off drops it, and some drives answer only that command"
+        ),
     ] = False,
     as_json: options.Json = False,
     configs: options.Configs = None,
@@ -70,7 +74,7 @@ def look(
     console.warn_assumed(table)
     orders = [name for name, wanted in (("clear", clear), ("zero", zero), ("off", off)) if wanted]
     if len(orders) > 1 or (orders and joint is None):
-        raise ConfigError("an order is for one joint: calib servo CELL JOINT with one of --clear, --zero, --off")
+        raise ConfigError("a command is for one joint: calib servo CELL JOINT with one of --clear, --zero, --off")
     if table.table.driver != "can_servo":
         raise ConfigError(
             f"{table.path}: driver = {table.table.driver!r} has no servo drives to look at; this is for can_servo cells"
@@ -88,10 +92,14 @@ def look(
             ["joint", "serial", "state", "angle rad", "torque N m", "degC", "watchdog ms", "angle range rad", "torque range N m"],
             [
                 [k.joint, k.identity.serial or "not reported", _state(k), k.reading.q, k.reading.tau, k.reading.temperature,
-                 1e3 * k.identity.watchdog, k.identity.ranges.q, k.identity.ranges.tau]
+                 _watchdog(k.identity.watchdog), k.identity.ranges.q, k.identity.ranges.tau]
                 for k in looks
             ],
         )  # fmt: skip
+        if any(k.identity.watchdog == 0.0 for k in looks):
+            console.say(
+                "watchdog off: before any motion it is set to that of the cell file; a drive on which it stays off is refused."
+            )
     bad = [f"{k.joint}: {k.reading.error or k.serial_problem}" for k in looks if k.reading.error or k.serial_problem]
     if bad:
         raise AnswerIsNo("; ".join(bad))
@@ -117,7 +125,7 @@ def scan(
         typer.Option(metavar="KEY=VALUE", help="More python-can options, such as host=127.0.0.1 and port=29536. Repeatable."),
     ] = None,
     supported: Annotated[
-        bool, typer.Option(help="The arm is supported: also ask with the order off, which CubeMars drives need.")
+        bool, typer.Option(help="The arm is supported: also ask with the command off, which CubeMars drives need.")
     ] = False,
     arm: Annotated[
         str | None, typer.Option(metavar="ARM", help="Arm whose joints are then turned by hand, one by one.")
@@ -159,20 +167,20 @@ def scan(
             )
         out.parent.mkdir(parents=True, exist_ok=True)
     options_table = {
-        "interface": interface, "channel": channel, "bitrate": bitrate, "data_bitrate": data_bitrate, "bus": _pairs(bus or []),
+        "interface": interface, "channel": channel, "bitrate": bitrate, "data_bitrate": data_bitrate, "bus": options.pairs("--bus", bus or []),
         "rate": 200.0, "brakes": False, "servos": [],
     }  # fmt: skip
-    options, clock = validated(CanOptions, options_table, Path("calib servo scan")), MonotonicClock()
-    link = Link.open(options, clock)
+    wiring, clock = validated(CanOptions, options_table, Path("calib servo scan")), MonotonicClock()
+    link = Link.open(wiring, clock)
     try:
         with console.progress(f"asking all drives on {interface} {channel}"):
-            result = scanned(link, clock, options, supported)
+            result = scanned(link, clock, wiring, supported)
         found = result.found
         if not as_json:
             console.table(
                 ["drive", "frames", "serial", "firmware", "state", "angle rad", "watchdog ms", "ranges rad, rad/s, N m"],
-                [[f.name, "FD" if f.fd else "classical", f.described.serial or "not reported", f.described.firmware, _on(f), f.described.q,
-                  1e3 * f.described.watchdog, _ranges(f)] for f in found],
+                [[f.name, "FD" if f.fd else "classical", f.described.serial or "not reported", f.described.firmware, ON[f.described.on], f.described.q,
+                  _watchdog(f.described.watchdog), _ranges(f)] for f in found],
             )  # fmt: skip
             for note in result.notes:
                 console.say(note)
@@ -183,7 +191,7 @@ def scan(
             )
         if model is not None and out is not None:
             joints = drives_of_joints(model, found, ByHand([f.drive for f in found], link, clock))
-            text = cell_text(out.stem, _named(str(arm), out), options, joints)
+            text = cell_text(out.stem, _named(str(arm), out), wiring, joints)
             with out.open("x", encoding="utf-8") as file:
                 file.write(text)
     finally:
@@ -204,19 +212,8 @@ def _named(arm: str, cell: Path) -> str:
     return arm if is_name(arm) else f"./{Path(os.path.relpath(arm, cell.parent)).as_posix()}"
 
 
-def _pairs(words: list[str]) -> dict[str, str | int]:
-    """`KEY=VALUE` words as a dict, with whole numbers as int."""
-    pairs: dict[str, str | int] = {}
-    for word in words:
-        key, equals, value = word.partition("=")
-        if not (key and equals):
-            raise ConfigError(f"--bus {word}: it is not KEY=VALUE; write for example --bus port=29536")
-        pairs[key] = int(value) if value.isdecimal() and len(value) < 10 else value
-    return pairs
-
-
-def _on(found: Found) -> str:
-    return {True: "on", False: "off", None: "not reported"}[found.described.on]
+def _watchdog(seconds: float) -> float | str:
+    return "off" if seconds == 0.0 else 1e3 * seconds
 
 
 def _ranges(found: Found) -> str:
@@ -235,7 +232,7 @@ def _described(found: Found) -> dict[str, object]:
 def _state(look: Look) -> str:
     if look.reading.error:
         return look.reading.error
-    return {True: "on", False: "off", None: "not reported"}[look.reading.on]
+    return ON[look.reading.on]
 
 
 def _plain(look: Look) -> dict[str, object]:

@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+from sim.errors import ConfigError
 from sim.resources import config_folders
 
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON document for machines instead of tables.")]
@@ -120,3 +121,14 @@ def read_as(accept_partial: bool, assume: Sequence[str] | None, configs: Path | 
 def held_out(holdout: Sequence[Path] | None) -> list[str | Path]:
     """--holdout with its recordings; empty without any."""
     return ["--holdout", *holdout] if holdout else []
+
+
+def pairs(option: str, words: Sequence[str]) -> dict[str, str | int]:
+    """`KEY=VALUE` words of an option as a dict, with whole numbers as int; ConfigError for other words."""
+    out: dict[str, str | int] = {}
+    for word in words:
+        key, equals, value = word.partition("=")
+        if not (key and equals):
+            raise ConfigError(f"{option} {word}: it is not KEY=VALUE; write for example {option} port=29536")
+        out[key] = int(value) if value.isdecimal() and len(value) < 10 else value
+    return out

@@ -1,6 +1,6 @@
 """Find the drives on a bus: every identifier is queried in every protocol, in classical CAN and CAN FD. No torque is switched on.
 
-CubeMars drives, and Damiao drives without registers, answer only orders. The mildest is off, so they are queried only if the arm is
+CubeMars drives, and Damiao drives without registers, answer only commands. The mildest is off, so they are queried only if the arm is
 supported; no other query switches torque off.
 """
 
@@ -52,14 +52,14 @@ class Scan:
 
 
 def scan(link: Link, clock: Clock, options: CanOptions, supported: bool = False) -> Scan:
-    """Query every identifier; DeviceError if the bus is not sound. `supported`: drives may be queried with the order off."""
+    """Query every identifier; DeviceError if the bus is not sound. `supported`: drives may be queried with the command off."""
     link.claim()
     beating, notes = _unrequested(link, clock)
     seen: dict[tuple[str, int], list[can.Message]] = {}
     for protocol, kind in PROTOCOLS.items():
         if kind.question_switches_off and not supported:
             notes.append(
-                f"{protocol} drives answer only orders, the mildest is off: not queried; add --supported if switching torque off drops nothing"
+                f"{protocol} drives were not asked: they answer only commands, of which off is the mildest; add --supported if the arm cannot drop"
             )
             continue
         for fd in (False, True):

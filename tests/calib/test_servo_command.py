@@ -59,6 +59,19 @@ def test_a_latched_error_is_exit_code_1_until_it_is_cleared(
     assert emulator.bus.servos[2].error == 0
 
 
+def test_a_watchdog_of_zero_is_one_that_is_off(there: tuple[str, CanEmulator], capsys: pytest.CaptureFixture[str]) -> None:
+    path, emulator = there
+    assert main(["servo", path, JOINT]) == 0
+    out = capsys.readouterr().out
+    assert re.search(r"elbow_joint +410003 .* off ", out)
+    assert "before any motion it is set to that of the cell file" in out
+    emulator.bus.servos[2].registers[9] = 2000  # times 50 us
+    assert main(["servo", path, JOINT]) == 0
+    out = capsys.readouterr().out
+    assert re.search(r"elbow_joint +410003 .* 100 ", out)
+    assert "before any motion" not in out
+
+
 def test_torque_goes_off_only_for_an_arm_that_is_carried(
     there: tuple[str, CanEmulator], capsys: pytest.CaptureFixture[str]
 ) -> None:

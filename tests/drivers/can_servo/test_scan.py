@@ -65,7 +65,7 @@ def test_six_mixed_drives_in_less_than_ten_seconds_of_the_bus(bench, scanned):
     assert result.found[0].feedback == 17
     assert all(not f.described.problems for f in result.found)
     assert (b.bus.body.live == live).all()
-    assert any("cubemars drives answer only orders" in note for note in result.notes)
+    assert any("cubemars drives were not asked: they answer only commands" in note for note in result.notes)
 
 
 def test_what_is_not_there_is_not_found_and_fd_is_missed_without_its_bit_rate(bench, scanned):
