@@ -20,6 +20,7 @@ from sim.files import open_regular
 from sim.resources import nearest
 
 SUFFIXES = (".mcap", ".csv", ".db3", ".bag")
+OWN_HEADS = (".mcap", ".db3", ".bag")  # formats that are known by their first bytes
 PARTS = ("*.mcap", "*.db3*", "metadata.yaml")  # of a recording in a folder
 
 
@@ -62,6 +63,11 @@ def read_log(path: str | Path, joint_names: Sequence[str] | None = None, *, acce
         return _reordered(read_csv(path, accept_partial), wanted, damage)
     if head.startswith((SQLITE, ROSBAG1)):
         return read_bag(path, wanted, damage)
+    if path.suffix.lower() in OWN_HEADS:
+        raise damage.refuse(
+            "byte 0", f"not a {path.suffix} file, whatever its name: it begins as no recording does",
+            "copy it again from where it was recorded, or give the right file",
+        )  # fmt: skip
     raise damage.refuse(
         "byte 0", "unrecognised format",
         "supported: MCAP with ROS 2 messages, ROS bags and ur_rtde CSV (timestamp,actual_q_0,...); convert other CSV, NPZ, MAT and Parquet "

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from calib.claims import capital
 from calib.past_runs import RUNS, read_run, runs_and_faults
-from calib.run_folder import new_run
+from calib.run_folder import conclude, new_run
 from calib.terminal import console, options
 from calib.terminal.quantity import rounded
 
@@ -41,15 +42,17 @@ def command(
     """
     first = read_run(run, root)
     if other is None:
-        pages = sorted(first.folder.glob("*.html"))
+        # the page of the run itself first, then those of its steps, as in `calib demo` and `calib go`
+        pages = sorted(first.folder.rglob("*.html"), key=lambda page: (len(page.parts), page))
         if as_json:
             console.print_json({"schema": "report/1", "run": first.folder, "outcome": first.sentence, "pages": pages})
             return
-        console.say(f"{first.folder.name}: {first.sentence or 'has not ended'}")
+        console.say(f"{first.folder}: calib {first.verb} of {first.arm}, {first.started.replace('T', ' ')[:16]} UTC")
+        console.say(f"{capital(first.sentence).rstrip('.') or 'It has not ended'}.")
         for page in pages:
-            console.say(f"  {page}")
+            console.copyable(f"  {page}")
         if not pages:
-            console.say("  it has no page")
+            console.say("It has no page.")
         return
     from calib.report import comparison as page_of
     from calib.validation.comparison import compare, found, sentence
@@ -57,6 +60,7 @@ def command(
     a, b = found(first), found(read_run(other, root))
     changes = compare(a, b)
     folder = new_run(first.arm, "report", out)
+    conclude(sentence(a, b, changes))
     path = page_of.write(folder / "report.html", a, b, changes)
     if as_json:
         found_in = [

@@ -9,6 +9,7 @@ from typing import Annotated
 
 import typer
 
+from calib.claims import capital
 from calib.past_runs import FILE, RUNS, Run, read_run, runs_and_faults
 from calib.run_folder import free_folder
 from calib.terminal import console, options
@@ -59,7 +60,7 @@ def _list(found: list[Run], faults: list[ConfigError], root: Path, as_json: bool
     if as_json:
         console.print_json({"schema": "runs/1", "runs": [_plain(r) for r in found], "unreadable": [str(f) for f in faults]})
     elif found:
-        rows = [[r.started.replace("T", " ")[:16], r.verb, r.arm, _code(r), r.folder.name, r.sentence] for r in found]
+        rows = [[r.started.replace("T", " ")[:16], r.verb, r.arm, _code(r), r.folder.name, capital(r.sentence)] for r in found]
         console.table(["started (UTC)", "verb", "arm", "exit", "folder", "outcome"], rows)
     elif not faults:
         console.say(f"There are no runs in {root}/ yet; create one with `calib plan ARM` or `calib demo`.")

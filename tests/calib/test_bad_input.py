@@ -92,7 +92,8 @@ REFUSED = {
     ),
     "an empty file": (lambda: of_bytes("log.csv", b""), ["log.csv", "empty", "record it again"]),
     "a header alone": (lambda: written(table()[:1]), ["log.csv", "row 2", "no samples", "record it again"]),
-    "no format at all": (lambda: of_bytes("log.mcap", bytes(range(256)) * 8), ["log.mcap", "byte 0", "MCAP with ROS 2"]),
+    "no format at all": (lambda: of_bytes("log.csv", bytes(range(256)) * 8), ["log.csv", "byte 0", "MCAP with ROS 2"]),
+    "no MCAP under its name": (lambda: of_bytes("log.mcap", b"hello\n"), ["log.mcap", "not a .mcap file", "copy it again"]),
     "an empty MCAP": (lambda: of_bytes("log.mcap", b""), ["log.mcap", "empty", "record it again"]),
     "an MCAP cut in the middle": (
         lambda: of_bytes("log.mcap", (SAMPLES / "servo6_excitation.mcap").read_bytes()[:70_000]),

@@ -35,10 +35,21 @@ def diagnosed(name: str, coulomb: float) -> Path:
 def test_one_run(capsys: pytest.CaptureFixture[str]) -> None:
     folder = diagnosed("runs/a", 8.2)
     (folder / "report.html").write_text("x")
+    (folder / "diagnosis").mkdir()
+    (folder / "diagnosis" / "a.html").write_text("x")
     assert main(["report", "a"]) == 0
-    out = capsys.readouterr().out
-    assert "The model is missing Coulomb friction at elbow_joint" in out
-    assert "runs/a/report.html" in out
+    first, second, *pages = capsys.readouterr().out.splitlines()[-4:]
+    assert first.startswith("runs/a: calib diagnose of ur10e, ")
+    assert second.startswith("The model is missing Coulomb friction at elbow_joint")
+    # a step's page, as `calib demo` has them, is listed too
+    assert pages == ["  runs/a/report.html", "  runs/a/diagnosis/a.html"]
+
+
+def test_the_outcome_begins_with_a_capital_letter(capsys: pytest.CaptureFixture[str]) -> None:
+    end_run(new_run("ur10e", "identify", Path("runs/fit")), 0, "good: at wrist_2_joint")
+    for arguments in (["report", "fit"], ["runs"]):
+        assert main(arguments) == 0
+        assert "Good: at wrist_2_joint" in capsys.readouterr().out
 
 
 def test_two_runs_are_a_table_of_numbers_with_their_uncertainty(capsys: pytest.CaptureFixture[str]) -> None:
@@ -60,6 +71,7 @@ def test_two_diagnoses(capsys: pytest.CaptureFixture[str]) -> None:
     )
     assert data["changes"][0]["sigmas"] == pytest.approx(1.0 / (0.041 * 2**0.5))
     assert read_run("runs/c").exit_code == 0
+    assert read_run("runs/c").sentence == data["outcome"]
 
 
 def test_a_fit_and_a_diagnosis_share_no_parameter(tmp_path: Path) -> None:
