@@ -83,10 +83,7 @@ def new(
 
     person = sys.stdin.isatty() and not json
     if numbers is None and not geometry_only and person:
-        answer = console.ask(f"where do its masses come from ({', '.join(Numbers)}; empty: not known): ").strip().lower()
-        if answer not in ("", *Numbers):
-            raise ConfigError(f"{answer!r} is not one of {', '.join(Numbers)}")
-        numbers = Numbers(answer) if answer else None
+        numbers = _entered_source()
     choice = Choice(
         joints=[p.strip() for p in joints.split(",") if p.strip()] if joints else (), lock=dict(locked_joint(text) for text in lock or []),
         tool=tool, no_shapes=no_shapes, geometry_only=geometry_only or numbers == Numbers.UNKNOWN, numbers=numbers.value if numbers else None,
@@ -225,11 +222,27 @@ def _finish(
     console.say(f"{folder}")
 
 
+def _entered_source() -> Numbers | None:
+    """Where the masses of a model file come from, asked until the answer is one of the words, or empty."""
+    question = f"where do the masses in the file come from? {', '.join(Numbers)}; with `{Numbers.UNKNOWN}` they are ignored, empty counts as guessed: "
+    while answer := console.ask(question).strip().lower():
+        if answer in list(Numbers):
+            return Numbers(answer)
+        console.warn(f"{answer!r} is not one of {', '.join(Numbers)}; answer again")
+    return None
+
+
 def _with_entered_limits(arm: Arm) -> Arm:
     from sim.stated_facts import LIMIT_UNITS, missing_limits, with_limits
 
+    how = f"one number, or {arm.n} with commas between them" if arm.n > 1 else "one number"
     for key in missing_limits(arm):
-        answer = console.ask(f"{key} in {LIMIT_UNITS[key]}, one number or {arm.n} with commas, empty to leave it out: ")
-        if answer.strip():
-            arm = with_limits(arm, dict([numbers_of("--limit", f"{key}={answer}")]))
+        while answer := console.ask(f"{key} in {LIMIT_UNITS[key]}, {how}; empty to leave it out: ").strip():
+            try:
+                arm = with_limits(arm, {key: [float(x) for x in answer.split(",")]})
+                break
+            except ConfigError as error:
+                console.warn(f"{error}; answer again")
+            except ValueError:
+                console.warn(f"{answer!r} is not {how}; answer again")
     return arm

@@ -40,6 +40,7 @@ def command(
     from calib.claims.diagnosis_sentences import words
     from calib.main import start
     from calib.report import tracking as page
+    from calib.terminal.quantity import significant
     from sim.cell import load_arm_of, load_cell
     from sim.effects import effect_named
 
@@ -95,7 +96,10 @@ def command(
     console.say("\nThe arm follows the validation motion under the torque of a model, with a weak feedback.")
     console.table(
         ["model in the controller", "tracking error RMS [mrad]", "largest of a joint [mrad]", "feedback torque RMS [N m]"],
-        [[name, 1e3 * t.rms, 1e3 * t.error.max(), float(np.sqrt(np.mean(t.feedback**2)))] for name, t in followed.items()],
+        [
+            [name, *(significant(x) for x in (1e3 * t.rms, 1e3 * t.error.max(), float(np.sqrt(np.mean(t.feedback**2)))))]
+            for name, t in followed.items()
+        ],
     )
     console.say(f"{page.sentence(arm.joint_names, followed)}.")
     console.say(f"\nIt took {seconds:.0f} s; the output of each command is in {folder}")

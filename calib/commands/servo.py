@@ -91,7 +91,7 @@ def look(
         console.table(
             ["joint", "serial", "state", "angle rad", "torque N m", "degC", "watchdog ms", "angle range rad", "torque range N m"],
             [
-                [k.joint, k.identity.serial or "not reported", _state(k), k.reading.q, k.reading.tau, k.reading.temperature,
+                [k.joint, k.identity.serial or "not reported", _state(k), round(k.reading.q, 3), round(k.reading.tau, 2), k.reading.temperature,
                  _watchdog(k.identity.watchdog), k.identity.ranges.q, k.identity.ranges.tau]
                 for k in looks
             ],
@@ -179,7 +179,7 @@ def scan(
         if not as_json:
             console.table(
                 ["drive", "frames", "serial", "firmware", "state", "angle rad", "watchdog ms", "ranges rad, rad/s, N m"],
-                [[f.name, "FD" if f.fd else "classical", f.described.serial or "not reported", f.described.firmware, ON[f.described.on], f.described.q,
+                [[f.name, "FD" if f.fd else "classical", f.described.serial or "not reported", f.described.firmware, ON[f.described.on], round(f.described.q, 3),
                   _watchdog(f.described.watchdog), _ranges(f)] for f in found],
             )  # fmt: skip
             for note in result.notes:

@@ -74,14 +74,14 @@ def command(
         return verdict.exit_code
     constant = subject.torque_constant
     for check in found.checks:
-        headers = ["joint", "residual [N m]", "unfiltered [N m]", "torque std [N m]", "residual share"]
+        headers = ["joint", "residual [N m]", "sliding [N m]", "torque std [N m]", "residual share"]
         headers += [] if constant is None else ["residual [A]"]
         headers += [] if check.short is None else [f"error after {SHORT.seconds:g} s [mrad]", "bound [mrad]", "travel [mrad]"]
         headers = headed(headers, subject.tree.prismatic)
         rows = []
         for j, joint in enumerate(subject.joint_names):
-            left = check.residual[j] / check.signal[j] if check.signal[j] > 0 else float("nan")
-            row = [joint, float(check.residual[j]), float(check.unfiltered[j]), float(check.signal[j]), share(left)]
+            left = check.sliding[j] / check.signal[j] if check.signal[j] > 0 else float("nan")
+            row = [joint, float(check.residual[j]), float(check.sliding[j]), float(check.signal[j]), share(left)]
             row += [] if constant is None else [float(check.residual[j] / constant[j])]
             if check.short is not None:
                 bound = float("nan") if check.bound is None else check.bound[j]

@@ -1,5 +1,7 @@
 """`calib arm new` turns a ROS URDF into an arm folder and guesses nothing."""
 
+import io
+
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -212,3 +214,28 @@ def test_stand_in_masses_are_marked_and_limits_say_where_they_come_from(gripper,
     sources = "q_min, q_max, dq_max, tau_max read from grip.urdf; ddq_max given by hand; jerk_max not stated"
     assert f"limits: {sources}" in printed
     assert f'limits = "{sources}"' in (tmp_path / "bare" / "arm.toml").read_text()
+
+
+def test_a_mistyped_answer_is_asked_again(gripper, tmp_path, capsys, monkeypatch):
+    typed = iter(["masured", "measured", "5 rad", "-5", "5", "100,200", "", ""])
+    terminal = io.StringIO()
+    terminal.isatty = lambda: True
+    terminal.readline = lambda: next(typed, "")
+    monkeypatch.setattr("sys.stdin", terminal)
+    limits = ["--limit", "q_min=-1", "--limit", "q_max=1"]
+    assert main(["arm", "new", str(gripper), "--joints", "a,b", "--lock", "f1", *limits, "--out", str(tmp_path / "arm")]) == 0
+    arm = load_arm(tmp_path / "arm")
+    assert (arm.prior.numbers, arm.ddq_max.tolist(), arm.jerk_max.tolist()) == ("measured", [5.0, 5.0], [100.0, 200.0])
+    printed = error_text(capsys)
+    assert "'masured' is not one of measured, cad, guessed, unknown; answer again" in printed
+    assert "'5 rad' is not one number, or 2 with commas between them; answer again" in printed
+    assert "above zero" in printed
+    assert printed.count("ddq_max in rad/s^2, one number") == 3
+
+
+def test_one_joint_is_asked_for_one_number(tmp_path, capsys, monkeypatch):
+    terminal = io.StringIO()
+    terminal.isatty = lambda: True
+    monkeypatch.setattr("sys.stdin", terminal)
+    assert main(["arm", "drive", "motor", "--out", str(tmp_path / "arm")]) == 0
+    assert "dq_max in rad/s, one number; empty to leave it out" in error_text(capsys)
