@@ -97,7 +97,7 @@ def command(
     console.table(
         ["model in the controller", "tracking error RMS [mrad]", "largest of a joint [mrad]", "feedback torque RMS [N m]"],
         [
-            [name, *(significant(x) for x in (1e3 * t.rms, 1e3 * t.error.max(), float(np.sqrt(np.mean(t.feedback**2)))))]
+            [name, *(float(significant(x)) for x in (1e3 * t.rms, 1e3 * t.error.max(), float(np.sqrt(np.mean(t.feedback**2)))))]
             for name, t in followed.items()
         ],
     )

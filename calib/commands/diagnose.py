@@ -121,12 +121,12 @@ def command(
         )
     read = options.read_as(accept_partial, assume, configs)
     recordings: list[str | Path] = [arm, *(log or []), *options.held_out(holdout), *read]
-    if then := _then(answer, changed, folder, name, recordings, read):
+    if then := following(answer, changed, folder, name, recordings, read):
         console.next_step(then)
     return code
 
 
-def _then(
+def following(
     answer: Mapping[str, Any], changed: bool, folder: Path, arm: str, recordings: list[str | Path], read: list[str | Path]
 ) -> list[str | Path]:
     """The command to type next; empty for recordings that cannot be used."""

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from calib.claims.of_diagnosis import is_corrected
-from calib.commands.diagnose import _then, exit_code
+from calib.commands.diagnose import exit_code, following
 from calib.report import diagnosis
 from tests.calib.report import examples
 
@@ -77,7 +77,7 @@ def test_the_command_that_follows(
     data["gap"] |= {"before": [0.15] * 6, "after": [0.15] * 6} if verdict == "no_missing_effect" else {}
     data["gap"] |= {key: value if value == [] else [value] * 6 for key, value in more.items() if key in data["gap"]}
     recordings = ["ur10e", Path("a.mcap"), "--holdout", Path("b.mcap")]
-    assert " ".join(map(str, _then(data, changed, Path("runs/d"), "ur10e", recordings, []))) == words
+    assert " ".join(map(str, following(data, changed, Path("runs/d"), "ur10e", recordings, []))) == words
 
 
 def test_the_corrected_arm_is_named_with_its_path(tmp_path: Path) -> None:
