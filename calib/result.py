@@ -79,6 +79,11 @@ class Gap:
     sliding: np.ndarray | None = None
     noise: np.ndarray | None = None
 
+    @property
+    def assessed(self) -> np.ndarray:
+        """(n,) the residual that a verdict uses: `sliding`, or `after` where it is unknown."""
+        return self.after if self.sliding is None else np.where(np.isfinite(self.sliding), self.sliding, self.after)
+
 
 @dataclass(frozen=True)
 class FitResult:

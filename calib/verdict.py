@@ -1,5 +1,8 @@
 """Whether a model is good for an arm: residual RMS over the torque's standard deviation, joint by joint, against stated limits.
 
+The residual is that of the sliding joint. Around a reversal the joint sticks, dry friction balances whatever torque there is,
+and no model of the motion predicts it. A joint that reverses all the time keeps all of its rows (`calib.measurement.reversals`).
+
 good       every joint at most GOOD_SHARE, or a residual of at most SMALL times its maximum torque
 poor       some joint above that
 wrong arm  at least half of the joints above both WRONG_SHARE and SMALL: their mean torque alone would predict better

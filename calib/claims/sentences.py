@@ -24,8 +24,8 @@ def _residual(n: Numbers) -> str:
     left, limit = percentages(n["left"], n["limit"])
     verdict = "wrong arm or wrong model" if n["verdict"] == "wrong arm" else n["verdict"]
     sentence = (
-        f"{verdict}: at {n['worst']}, the worst joint, the residual RMS of {n['arm']} is {left} of the torque std in "
-        f"{n['where']} (limit {limit})"
+        f"{verdict}: at {n['worst']}, the worst joint, the residual RMS of {n['arm']} while sliding is {left} of the torque "
+        f"std in {n['where']} (limit {limit})"
     )
     others = [joint for joint in n["beyond"] if joint != n["worst"]]
     sentence += f"; also above their limits: {_some(others)}" if others else ""

@@ -127,7 +127,7 @@ def _identified(found: Identification, opened: Opened) -> dict[str, Any]:
 
 
 def _validated(checked: Validation, apart: bool) -> dict[str, Any]:
-    left = np.array([c.residual / np.where(c.signal > 0, c.signal, np.nan) for c in checked.checks])
+    left = np.array([c.sliding / np.where(c.signal > 0, c.signal, np.nan) for c in checked.checks])
     return {
         "validated_on": "held-out" if apart else "training",
         "validation": checked.outcome,

@@ -29,7 +29,7 @@ def shown(result: FitResult) -> tuple[Gap, str]:
 def assessment_of(arm: Arm, result: FitResult, most: float | None = None) -> Assessment:
     """Assessment of the fitted arm on the held-out logs, or on the training logs if none is held out."""
     gap, _ = shown(result)
-    return assess(result.joint_names, gap.after, gap.signal, arm.tau_max, most)
+    return assess(result.joint_names, gap.assessed, gap.signal, arm.tau_max, most)
 
 
 def claims(

@@ -27,12 +27,12 @@ def gap_table(joint_names: tuple[str, ...], gap: Gap) -> tuple[list[str], list[l
     headers += [] if gap.noise is None else ["periods [N m]"]
     rows: list[list[Any]] = []
     for j, joint in enumerate(joint_names):
-        left = gap.after[j] / gap.signal[j] if gap.signal[j] > 0 else np.nan
+        left = gap.assessed[j] / gap.signal[j] if gap.signal[j] > 0 else np.nan
         row = [
             joint,
             float(gap.before[j]),
             float(gap.after[j]),
-            *[float(x[j]) for x in (gap.after if gap.sliding is None else gap.sliding, gap.signal)],
+            *[float(x[j]) for x in (gap.assessed, gap.signal)],
             None if np.isnan(left) else f"{left:.1%}",
         ]
         if gap.noise is not None:

@@ -36,12 +36,12 @@ def write(path: str | Path, result: Mapping[str, Any], evidence: Sequence[Mappin
     page.section("Joint by joint")
     for entry in result["logs"]:
         forward = entry.get("forward")
-        headers = ["joint", "residual [N m]", "unfiltered [N m]", "torque std [N m]", "residual share"]
+        headers = ["joint", "residual [N m]", "sliding [N m]", "torque std [N m]", "residual share"]
         if forward:
             headers += [f"error after {forward['horizon_s']:g} s [mrad]", "bound [mrad]", "travel [mrad]"]
         rows = []
         for k, joint in enumerate(names):
-            row = [joint, entry["residual"][k], entry["residual_unfiltered"][k], entry["signal"][k], _percent(entry, k)]
+            row = [joint, entry["residual"][k], entry["residual_sliding"][k], entry["signal"][k], _percent(entry, k)]
             bound = (forward or {}).get("bound") or [None] * len(names)
             rows.append(row + ([_milli(forward["rms"][k]), _milli(bound[k]), _milli(forward["travel"][k])] if forward else []))
         note = f"; simulated forward from {forward['windows']} states under the measured torque" if forward else ""
@@ -80,8 +80,8 @@ def _facts(result: Mapping[str, Any]) -> list[tuple[str, Any]]:
 
 
 def _share(entry: Mapping[str, Any], k: int) -> float | None:
-    """Residual over signal; None if the joint did not move or none of its rows was usable."""
-    left, signal = entry["residual"][k], entry["signal"][k]
+    """Residual of the sliding joint over signal; None if the joint did not move or none of its rows was usable."""
+    left, signal = entry["residual_sliding"][k], entry["signal"][k]
     return left / signal if left is not None and signal else None
 
 

@@ -19,6 +19,7 @@ from calib.claims import Claim, in_one_sentence
 from calib.gate.commands import require
 from calib.identification.known import Known
 from calib.measurement.preprocessing import Measurement, prepare
+from calib.measurement.reversals import reversal_rows, reverses_often
 from calib.passivity import driving_claims
 from calib.validation.forward import HORIZONS, SHORT, ForwardError, forward_error
 from calib.validation.forward_bound import forward_bound
@@ -37,16 +38,18 @@ Progress = Callable[[str, float], None]
 class LogCheck:
     """Check of one log: RMS torque residual (n,) N m over usable rows, filtered as in a fit, and usable samples, unfiltered.
 
-    Both are NaN for a joint that moved less than LEAST_MOTION or LEAST_TRAVEL. signal: standard deviation of the filtered
-    torque; motion: error over each horizon, empty if not requested; bound (n,) rad: of the shortest; tau_hat (N, n) N m: at
+    sliding: without the rows around reversals, of which `slid` (n,) are left. All are NaN for a joint that moved less than
+    LEAST_MOTION or LEAST_TRAVEL. signal: standard deviation of the filtered torque; motion: error over each horizon, empty if not requested; bound (n,) rad: of the shortest; tau_hat (N, n) N m: at
     every sample.
     """
 
     log: str
     residual: np.ndarray
+    sliding: np.ndarray
     unfiltered: np.ndarray
     signal: np.ndarray
     rows: np.ndarray
+    slid: np.ndarray
     motion: tuple[ForwardError, ...]
     measurement: Measurement
     tau_hat: np.ndarray
@@ -90,14 +93,11 @@ class Validation:
         logs = []
         for c in self.checks:
             entry: dict[str, Any] = {
-                "log": c.log,
-                "residual": _numbers(c.residual),
-                "residual_unfiltered": _numbers(c.unfiltered),
-                "signal": _numbers(c.signal),
-                "rows": c.rows.tolist(),
-                "cutoff_hz": c.measurement.decimator.cutoff,
+                "log": c.log, "residual": _numbers(c.residual), "residual_sliding": _numbers(c.sliding),
+                "residual_unfiltered": _numbers(c.unfiltered), "signal": _numbers(c.signal), "rows": c.rows.tolist(),
+                "rows_sliding": c.slid.tolist(), "cutoff_hz": c.measurement.decimator.cutoff,
                 "excluded": [[e.joint, e.reason, e.seconds] for e in c.measurement.excluded],
-            }
+            }  # fmt: skip
             if constant is not None:
                 entry["residual_ampere"] = _numbers(c.residual / constant)
             entry["motion"] = [e.entry() for e in c.motion if e.starts]
@@ -170,6 +170,7 @@ def checked(
     m = prepare(log, arm, cutoff)
     tau_hat = predict(arm, m.trajectory)
     usable = m.row_usable & _moved(m)
+    slid = usable & (~reversal_rows(m, arm) | reverses_often([m], arm))
     rows, predicted = m.rows(m.tau), m.rows(tau_hat)
     motion: tuple[ForwardError, ...] = ()
     bound = None
@@ -179,8 +180,8 @@ def checked(
         if motion[0].starts:
             bound = forward_bound(arm, m, motion[0].starts, SHORT.steps(m), known)
     return LogCheck(
-        m.name, _rms(rows - predicted, usable), _rms(m.tau - tau_hat, m.usable & _moved(m)), _std(rows, usable), usable.sum(axis=0),
-        motion, m, tau_hat, bound,
+        m.name, _rms(rows - predicted, usable), _rms(rows - predicted, slid), _rms(m.tau - tau_hat, m.usable & _moved(m)),
+        _std(rows, usable), usable.sum(axis=0), slid.sum(axis=0), motion, m, tau_hat, bound,
     )  # fmt: skip
 
 
@@ -200,20 +201,19 @@ def _rms(x: np.ndarray, usable: np.ndarray) -> np.ndarray:
 
 def _std(x: np.ndarray, usable: np.ndarray) -> np.ndarray:
     count = np.where(usable.any(axis=0), usable.sum(axis=0), np.nan)
-    mean = np.where(usable, x, 0.0).sum(axis=0) / count
-    return np.sqrt(np.where(usable, (x - mean) ** 2, 0.0).sum(axis=0) / count)
+    return _rms(x - np.where(usable, x, 0.0).sum(axis=0) / count, usable)
 
 
 def _assessed(arm: Arm, checks: Sequence[LogCheck], most: float | None) -> Assessment:
     """Assessment of all logs together, from the RMS over their rows."""
-    rows = np.array([c.rows for c in checks], dtype=float)
 
-    def together(x: Sequence[np.ndarray]) -> np.ndarray:
-        power = np.where(rows > 0, np.square(np.array(x, dtype=float)), 0.0) * rows
-        count = rows.sum(axis=0)
+    def together(x: Sequence[np.ndarray], over: Sequence[np.ndarray]) -> np.ndarray:
+        rows, count = np.array(over, dtype=float), np.sum(over, axis=0)
+        power = np.where(rows > 0, np.square(x), 0.0) * rows
         return np.sqrt(power.sum(axis=0) / np.where(count > 0, count, np.nan))
 
-    residual, signal = together([c.residual for c in checks]), together([c.signal for c in checks])
+    residual = together([c.sliding for c in checks], [c.slid for c in checks])
+    signal = together([c.signal for c in checks], [c.rows for c in checks])
     return assess(arm.joint_names, residual, signal, arm.tau_max, most)
 
 
@@ -234,8 +234,8 @@ def forward_claims(arm: Arm, checks: Sequence[LogCheck]) -> list[Claim]:
         return said
     worst = max(rows, key=lambda r: float(r["off_deg"]))
     beyond = [r for r in rows if not r["off_deg"] <= r["bound_deg"]]
-    vague = [j for j in arm.joint_names if any(r["joint"] == j and not r["informative"] for r in rows)]
     off = {r["joint"] for r in beyond}
+    vague = [j for j in arm.joint_names if any(r["joint"] == j and not r["informative"] for r in rows)]
     within = [j for j in arm.joint_names if j not in off and j not in vague]
     return [
         *said,

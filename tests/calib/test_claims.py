@@ -82,7 +82,7 @@ def test_what_identify_claims_is_so_in_what_it_wrote(seed: int, tmp_path: Path) 
 
 def _residual(table: dict[str, Any], claim: dict[str, Any], which: str) -> None:
     gap = table[which]
-    left = np.array(gap["after"]) / np.array(gap["signal"])
+    left = np.array(gap["sliding"]) / np.array(gap["signal"])
     rows = table["joint_verdicts"]
     assert [r["left"] for r in rows] == pytest.approx(left.tolist())
     assert {r["joint"] for r in rows if r["verdict"] != "good"} == {r["joint"] for r in rows if r["left"] > r["limit"]}
@@ -157,8 +157,8 @@ def test_what_validate_claims_is_so(factor: float, ur5e: Arm) -> None:
     assert set(claims["residual"]["beyond"]) == {r["joint"] for r in rows if r["left"] > r["limit"]}
     assert all(r["limit"] >= GOOD_SHARE for r in rows)
     for k, row in enumerate(rows):
-        each = [(entry["residual"][k], entry["signal"][k], entry["rows"][k]) for entry in table["logs"]]
-        residual, signal = (np.sqrt(sum(n * x[i] ** 2 for *x, n in each) / sum(n for *_, n in each)) for i in (0, 1))
+        of = [[(e[v][k], e[n][k]) for e in table["logs"]] for v, n in (("residual_sliding", "rows_sliding"), ("signal", "rows"))]  # fmt: skip
+        residual, signal = (np.sqrt(sum(n * x**2 for x, n in each) / sum(n for _, n in each)) for each in of)
         assert row["left"] == pytest.approx(residual / signal)
     forward = [
         (entry["log"], joint, *(entry["forward"][key][k] for key in ("rms", "travel", "bound")))

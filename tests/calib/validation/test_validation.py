@@ -10,11 +10,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks.known_truth import recorded_on_mock
 from calib import main as program
 from calib.identification.calibrated import write_calibrated
 from calib.identification.identify import identify
 from calib.identification.known import FILE, Known
 from calib.validation.validate import validate
+from calib.verdict import Verdict
 from sim.arm import Arm, ArmEffect, load_arm
 from sim.effects import with_effect
 from sim.errors import ConfigError
@@ -28,6 +30,20 @@ def test_the_right_arm_leaves_the_noise(ur5e: Arm) -> None:
     assert np.all(check.residual < check.unfiltered)
     assert check.short is not None
     assert np.all(check.short.angle < 0.12 * check.short.travel)
+
+
+def test_a_joint_that_sticks_at_its_reversals_is_compared_while_it_slides() -> None:
+    arm = load_arm("ur10e")
+    moved = fourier_motion(arm, 2, seconds=10.0)
+    slow = replace(moved, t=3 * moved.t, dq=moved.dq / 3, ddq=moved.ddq / 9)
+    log = recorded_on_mock(arm, arm, slow)
+    found = validate(arm, [log], forward=False, most=0.15)
+    check = found.checks[0]
+    assert np.max(check.residual / check.signal) > 0.15
+    assert np.all(check.sliding < 0.9 * check.residual)
+    assert found.assessment.verdict is Verdict.GOOD
+    wrong = with_effect(arm, ArmEffect("coulomb_friction", "wrist_2_joint", {"coulomb": 1.2}))
+    assert validate(wrong, [log], forward=False, most=0.15).assessment.verdict is Verdict.POOR
 
 
 def test_a_wrong_joint_is_the_one_that_is_off(ur5e: Arm) -> None:
