@@ -1,6 +1,6 @@
 """Remedies that depend on the device: an emulated one (`calib emulate`) has no cable, and a CAN bus no clients.
 
-Only wording depends on it. Whether a motion may begin without a person is decided by `safety.confirmation.without_arm`.
+Whether a motion may begin without a person is decided by `safety.confirmation.without_arm`, which also looks where a link leads.
 """
 
 from __future__ import annotations
@@ -19,12 +19,20 @@ CLOCK = "look for a program that steps the clock or slows this one down, then ch
 BUSY = "this computer is too busy for the emulator: stop other work on it, then check again"
 
 
+# Tunnels to a real controller usually end at this address; emulated controllers use 127.0.0.2 and the like
+TUNNEL_END = ipaddress.IPv4Address("127.0.0.1")
+# A tunnel to a serial adapter ends at a pseudo-terminal, as an emulated adapter does. Links to emulated ones have names that
+# begin with this
+EMULATED = "emulated"
+
+
 def at_emulator(host: str) -> bool:
-    """Whether only an emulated controller can have this address; a tunnel to a real one usually ends at 127.0.0.1."""
+    """Whether only an emulated controller can have this address: an IPv4 loopback address other than TUNNEL_END."""
     try:
-        return ipaddress.ip_address(host).is_loopback and host not in ("127.0.0.1", "::1")
-    except ValueError:
+        address = ipaddress.IPv4Address(host)
+    except ValueError:  # a host name, localhost included, or IPv6, whose one loopback address is where tunnels end
         return False
+    return address.is_loopback and address != TUNNEL_END
 
 
 def is_emulated(options: Mapping[str, Any]) -> bool:
@@ -32,7 +40,7 @@ def is_emulated(options: Mapping[str, Any]) -> bool:
     host, channel = options.get("host"), options.get("channel")
     if isinstance(host, str):
         return at_emulator(host)
-    return options.get("interface") == "virtual" or (isinstance(channel, str) and Path(channel).name.startswith("emulated"))
+    return options.get("interface") == "virtual" or (isinstance(channel, str) and Path(channel).name.startswith(EMULATED))
 
 
 def of_rate(cell: Cell) -> str:

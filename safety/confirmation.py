@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import ipaddress
 import termios
 from pathlib import Path
 from typing import TextIO
 
+from drivers.remedies import EMULATED, at_emulator
 from sim.cell import Cell
 from sim.errors import AnswerIsNo, SafetyStop
 
@@ -16,17 +16,10 @@ NOT_RATED = (
 )
 
 
-# Tunnels to a real controller usually end at this address; emulated controllers use 127.0.0.2 and the like
-TUNNEL_END = ipaddress.IPv4Address("127.0.0.1")
-# A tunnel to a serial adapter ends at a pseudo-terminal, as an emulated adapter does. Links to emulated ones have names that
-# begin with this
-EMULATED = "emulated"
-
-
 def without_arm(cell: Cell) -> bool:
     """Whether the cell's driver can only reach software, not an arm.
 
-    That is the mock, a controller on an IPv4 loopback address other than TUNNEL_END, and a CAN bus in memory or on a
+    That is the mock, a controller on an IPv4 loopback address other than 127.0.0.1, and a CAN bus in memory or on a
     pseudo-terminal behind a link whose name begins with EMULATED.
     """
     options = cell.table.options
@@ -34,11 +27,7 @@ def without_arm(cell: Cell) -> bool:
         return True
     host = options.get("host")
     if isinstance(host, str):
-        try:
-            address = ipaddress.IPv4Address(host)
-        except ValueError:  # a host name, localhost included, or IPv6, whose one loopback address is where tunnels end
-            return False
-        return address.is_loopback and address != TUNNEL_END
+        return at_emulator(host)
     if options.get("interface") == "virtual":
         return True
     channel = options.get("channel")
