@@ -38,8 +38,8 @@ def findings(arm: Arm, fit: BaseFit) -> tuple[str, ...]:
     bent = [j for j, ar in zip(arm.joint_names, fit.weights.noise.ar, strict=True) if not ar.any()]
     if bent:
         out.append(
-            f"{', '.join(bent)}: the low-frequency residual repeats in every log, so it is model error, not noise; the rows were not filtered to "
-            "white noise. `calib diagnose` looks for the cause"
+            f"{', '.join(bent)}: the low-frequency residual repeats in every log, so it is model error, not noise; no whitening was "
+            "applied. Friction while a joint begins to slide is such an error; `calib diagnose` looks for other causes"
         )
     wide = [j for j, w in zip(arm.joint_names, model.slip_width, strict=True) if w > SLIP_WIDTHS[0]]
     if wide:
