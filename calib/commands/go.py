@@ -175,8 +175,12 @@ def _do(current: GuidedSession, step: GuidedStep, yes: bool, configs: Path | Non
     console.copyable(f"   $ calib {shlex.join(arguments)}")
     printed, began = io.StringIO(), time.monotonic()
     # a person who lets an arm move must see the question and what it does
-    with redirect_stdout(sys.stdout if moves and not yes else printed):
-        code, sentence = start(arguments)
+    guided = console.GUIDED.set(True)
+    try:
+        with redirect_stdout(sys.stdout if moves and not yes else printed):
+            code, sentence = start(arguments)
+    finally:
+        console.GUIDED.reset(guided)
     (current.folder / f"{number}-{step.name}.txt").write_text(printed.getvalue(), encoding="utf-8")
     if code not in step.fine:
         console.say(printed.getvalue().rstrip("\n"))

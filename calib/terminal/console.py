@@ -32,6 +32,7 @@ if TYPE_CHECKING:
 
 # --quiet: no tables, sentences or progress, only warnings, errors, questions, and JSON if requested
 QUIET: ContextVar[bool] = ContextVar("quiet", default=False)
+GUIDED: ContextVar[bool] = ContextVar("guided", default=False)  # `calib go` runs the command, and then the next one
 WIDE = 110  # columns; in a narrower terminal the bar leaves its place to the text
 _BARS: list[Progress] = []  # the bars that `progress` draws now
 # JSON escapes C0 by itself; C1, bidirectional marks and lone surrogates would reach a terminal
@@ -62,7 +63,8 @@ def copyable(line: str) -> None:
 
 def next_step(words: Sequence[str | Path]) -> None:
     """Print the command to type next, to be copied."""
-    copyable(f"next: {command_line(words)}")
+    if not GUIDED.get():
+        copyable(f"next: {command_line(words)}")
 
 
 def command_line(words: Sequence[str | Path]) -> str:

@@ -11,6 +11,7 @@ import pytest
 from calib import main as program
 from calib.excitation import session as excitation
 from calib.past_runs import newest
+from calib.terminal import console
 from tests.calib.guided_desk import NOTHING, ROUND, Commands, go, session
 
 
@@ -76,3 +77,18 @@ def test_a_plan_that_has_lost_a_file_is_made_again(
     assert commands.verbs == ROUND[1:]
     assert f"{lost.relative_to(desk)} is missing: plan is done again" in " ".join(capsys.readouterr().out.split())
     assert commands.lines[1][2].endswith("plan-try2")
+
+
+def test_a_guided_command_names_no_next_step(
+    desk: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    class Advising(Commands):
+        def __call__(self, arguments: list[str]) -> tuple[int, str]:
+            console.next_step(["export", "ur10e"])
+            return super().__call__(arguments)
+
+    assert go(Advising([NOTHING]), monkeypatch, "--yes") == 0
+    page = "".join(file.read_text() for file in session(desk).folder.glob("*.txt"))
+    assert "next:" not in capsys.readouterr().out + page
+    console.next_step(["export", "ur10e"])
+    assert "next: calib export ur10e" in capsys.readouterr().out
