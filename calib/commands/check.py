@@ -104,7 +104,12 @@ def _settings(arm: Arm, cell: Cell) -> Check:
     """What `calib plan` refuses before it plans: a payload without a shape, and settings that switch a rule off."""
     from drivers.driver import Check
     from safety.plausible import check_plausible
+    from sim.stated_facts import missing_limits
 
+    if missing := missing_limits(arm):
+        return Check(
+            "settings", None, f"needed before any motion, and not stated: {', '.join(missing)} in [limits] of arm.toml"
+        )
     try:
         check_plausible(arm, cell)
     except SafetyStop as refusal:

@@ -71,6 +71,8 @@ def command(
     from safety.stages import duration_of
     from sim.arm import load_arm
     from sim.cell import load_arm_of, load_cell, require_postures
+    from sim.required import require_limits
+    from sim.stated_facts import LIMIT_UNITS
     from sim.viewer import play, require_display
 
     if viewer:
@@ -81,6 +83,7 @@ def command(
     if where:
         require_postures(where, nominal)
         require_arm_of(where, nominal, load_arm_of(where, configs))
+    require_limits(nominal, *LIMIT_UNITS)
     check_plausible(nominal, stands)  # otherwise a long plan would be computed that no run accepts
     requested = replace(
         QUICK if quick else Session(), period=period, harmonics=harmonics, seed=seed, progressive=progressive,

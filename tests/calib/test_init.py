@@ -122,6 +122,9 @@ def test_a_model_file_becomes_a_mock_cell_that_can_be_checked(desk: Path, capsys
     assert "needed before any motion: ddq_max" in printed.err
     assert load_cell("my-own").table.driver == "mock"
     assert main(["check", "my-own", "--seconds", "0.1"]) == 0
+    assert "not stated: ddq_max, jerk_max" in " ".join(capsys.readouterr().out.split())
+    assert main(["plan", "own", "--cell", "my-own", "--quick"]) == 2
+    assert "ddq_max of shoulder_pan_joint" in " ".join(capsys.readouterr().err.split())
 
 
 def test_an_adapter_is_followed_by_the_scan_of_its_bus(

@@ -17,7 +17,7 @@ def test_in_a_browser(tmp_path: Path, visit: Callable[..., Visit]) -> None:
     signal[5] = 0.0
     forward = {"horizon_s": 0.25, "windows": 40, "unit": "rad", "rms": [0.004] * 6, "travel": [0.2] * 6}
     entry = {
-        "log": "validation<b>.mcap", "residual": rms, "residual_unfiltered": rms, "signal": signal, "forward": forward,
+        "log": "validation<b>.mcap", "residual": rms, "residual_sliding": rms, "signal": signal, "forward": forward,
         "excluded": [["elbow_joint", "saturated", 0.4]],
     }  # fmt: skip
     result = {
