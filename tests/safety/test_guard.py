@@ -55,7 +55,9 @@ def test_standing_is_watched_too(driver: PerfectDriver, arm: Arm, cell: Cell, cl
     guard = guard_of(driver, arm, cell, clearance)
     guard.hold(0.1, "before")
     driver.fault = lambda state, k: hot(state)
-    with pytest.raises(MotionStopped, match=r"stopped in the pause before friction at t=.* s; the arm stood still 0\.\d+ s later: "):
+    with pytest.raises(
+        MotionStopped, match=r"stopped in the pause before friction at t=.* s; the arm stood still 0\.\d+ s later: "
+    ):
         guard.hold(0.1, "before friction")
     failing = simulated(cell, arm)
     failing.connect()
