@@ -6,7 +6,7 @@ import termios
 from pathlib import Path
 from typing import TextIO
 
-from drivers.remedies import EMULATED, at_emulator
+from drivers.emulated_address import EMULATED, at_emulator
 from sim.cell import Cell
 from sim.errors import AnswerIsNo, SafetyStop
 

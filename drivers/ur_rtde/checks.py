@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection
 
 from drivers.driver import Check
-from drivers.remedies import at_emulator
+from drivers.emulated_address import at_emulator
 from drivers.ur_rtde.condition import other_program, power, safety, slider
 from drivers.ur_rtde.dashboard import ControllerInfo
 from drivers.ur_rtde.options import UrOptions

@@ -11,7 +11,8 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
-from drivers.remedies import START, at_emulator
+from drivers.emulated_address import at_emulator
+from drivers.remedies import START
 from drivers.ur_rtde.wire import BrokenStream, Recipe, Splitter, request
 from sim.errors import DeviceError
 
