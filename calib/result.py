@@ -81,8 +81,8 @@ class Gap:
 
     @property
     def assessed(self) -> np.ndarray:
-        """(n,) the residual that a verdict uses: `sliding`, or `after` where it is unknown."""
-        return self.after if self.sliding is None else np.where(np.isfinite(self.sliding), self.sliding, self.after)
+        """(n,) the residual that a verdict uses: `sliding`, or `after` if it is unknown."""
+        return self.after if self.sliding is None else self.sliding
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,8 @@ TUNNEL_END = ipaddress.IPv4Address("127.0.0.1")
 # A tunnel to a serial adapter ends at a pseudo-terminal, as an emulated adapter does. Links to emulated ones have names that
 # begin with this
 EMULATED = "emulated"
+# the remedy if such a device does not answer
+START = "start `calib emulate CELL` in another terminal, in this folder"
 
 
 def at_emulator(host: str) -> bool:

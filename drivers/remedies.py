@@ -5,7 +5,6 @@ from __future__ import annotations
 from drivers.emulated_address import is_emulated
 from sim.cell import Cell
 
-START = "start `calib emulate CELL` in another terminal, in this folder"
 WIRED_RATE = "use a dedicated wired connection, close other clients of the device, and stop other work on this computer"
 CAN_RATE = "lower rate in [options], end other programs that send on the bus, and stop other work on this computer"
 CLOCK = "look for a program that steps the clock or slows this one down, then check again"

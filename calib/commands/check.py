@@ -76,7 +76,7 @@ def command(
     failed = [check for check in checks if check.ok is False]
     noted = sum(check.ok is None and not check.name.startswith("assumed: ") for check in checks)
     passed = sum(check.ok is True for check in checks)
-    outcome = f"{passed} checks pass" + (f"; {noted} noted, with nothing to compare" if noted else "")
+    outcome = f"{passed} checks pass" + (f"; {noted} noted, without a verdict" if noted else "")
     conclude(outcome)
     # a mock turns the way its model does; on any other device the joints are tested before larger motions
     then = ["plan", table.table.arm, "--cell", cell] if move or table.table.driver in SIMULATED else ["check", cell, "--move"]

@@ -128,8 +128,8 @@ def command(
     conclude(sentence)
     if as_json:
         motions = [{"name": m.name, "kind": m.kind, "duration": m.trajectory.duration} for m in designed.motions]
-        console.print_json({"schema": "plan/1", "folder": folder, "motions": motions, **designed.summary, "outcome": sentence,
-                            "claims": [claim.as_dict() for claim in claims], "next": console.command_line(then)})  # fmt: skip
+        console.print_json({"schema": "plan/1", "folder": folder, "motions": motions, **designed.summary,
+                            "first_run_seconds": duration_of(designed.motions), "outcome": sentence, "claims": [claim.as_dict() for claim in claims], "next": console.command_line(then)})  # fmt: skip
         return
     console.table(
         ["motion", "kind", "duration [s]", "samples"],

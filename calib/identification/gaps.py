@@ -22,7 +22,8 @@ def gap(
 ) -> Gap:
     """Residual RMS of the filtered torque with the nominal parameters and with `after` (p,).
 
-    rows: per joint the rows [A_j b_j] that a fit uses; apart: those near reversals, which count in all but `sliding`.
+    rows: per joint the rows [A_j b_j] that a fit uses; apart: those near reversals, which count in all but `sliding`. A joint
+    without other rows keeps them there too.
     """
     slid, rows = rows, [InformationMatrix.merged(pair) for pair in zip(rows, apart, strict=True)]
     n = model.arm.n
@@ -34,7 +35,7 @@ def gap(
         squares = np.array([x.squares(np.append(-theta[u], 1.0)) for x, u in zip(of, used, strict=True)])
         return np.sqrt(squares / [x.rows or np.nan for x in of])
 
-    before, left = rms(model.nominal(), rows), rms(after, rows)
+    before, left, sliding = rms(model.nominal(), rows), rms(after, rows), rms(after, slid)
     total, mean = (
         np.array([r.gram[k, -1] for r in rows]) / safe for k in (-1, -2)
     )  # the column before the torque is the constant
@@ -47,7 +48,7 @@ def gap(
         rows=count,
         before_ampere=None if constant is None else before / constant,
         after_ampere=None if constant is None else left / constant,
-        sliding=rms(after, slid),
+        sliding=np.where(np.isfinite(sliding), sliding, left),
         noise=noise,
     )
 

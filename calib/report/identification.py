@@ -66,7 +66,7 @@ def write(path: str | Path, result: Mapping[str, Any], evidence: Mapping[str, An
 
 def _facts(result: Mapping[str, Any]) -> list[tuple[str, Any]]:
     gap = result["holdout"] or result["training"]
-    share = _assessed(gap) / np.asarray(gap["signal"], float)
+    share = np.asarray(gap["sliding"] or gap["after"], float) / np.asarray(gap["signal"], float)
     estimates = result["estimates"]
     return [
         ("residual share, worst joint" + ("" if result["holdout"] else " (training)"), f"{np.nanmax(share):.1%}"),
@@ -74,13 +74,6 @@ def _facts(result: Mapping[str, Any]) -> list[tuple[str, Any]]:
         ("identified", f"{sum(bool(e['identifiable']) for e in estimates)} of {len(estimates)} base parameters"),
         ("held-out logs", ", ".join(gap["logs"]) if result["holdout"] else "none"),
     ]
-
-
-def _assessed(gap: Mapping[str, Any]) -> np.ndarray:
-    """(n,) residual RMS of the sliding joint, or of all rows where that is unknown (`calib.result.Gap.assessed`)."""
-    after = np.asarray(gap["after"], float)
-    sliding = np.asarray(gap["sliding"] or gap["after"], float)
-    return np.where(np.isfinite(sliding), sliding, after)
 
 
 def _gaps(page: Page, result: Mapping[str, Any]) -> None:
@@ -102,7 +95,7 @@ def _gaps(page: Page, result: Mapping[str, Any]) -> None:
         ]
         rows = []
         for k, joint in enumerate(result["joint_names"]):
-            slid, signal = float(_assessed(gap)[k]), gap["signal"][k]
+            slid, signal = (gap["sliding"] or gap["after"])[k], gap["signal"][k]
             row = [joint, gap["before"][k], gap["after"][k], slid, signal, f"{slid / signal:.1%}"]
             row += [] if between is None else [between[k]]
             rows.append([*row, gap["before_ampere"][k], gap["after_ampere"][k]] if ampere else row)

@@ -38,9 +38,9 @@ Progress = Callable[[str, float], None]
 class LogCheck:
     """Check of one log: RMS torque residual (n,) N m over usable rows, filtered as in a fit, and usable samples, unfiltered.
 
-    sliding: without the rows around reversals, of which `slid` (n,) are left. All are NaN for a joint that moved less than
-    LEAST_MOTION or LEAST_TRAVEL. signal: standard deviation of the filtered torque; motion: error over each horizon, empty if not requested; bound (n,) rad: of the shortest; tau_hat (N, n) N m: at
-    every sample.
+    sliding: over the `slid` (n,) rows that no reversal touches. NaN for a joint that moved less than LEAST_MOTION or
+    LEAST_TRAVEL. signal: standard deviation of the filtered torque; motion: error over each horizon; bound (n,) rad: of the
+    shortest; tau_hat (N, n) N m.
     """
 
     log: str

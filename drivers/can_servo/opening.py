@@ -10,8 +10,7 @@ import can
 
 from drivers.can_servo.damiao_box import DamiaoBox
 from drivers.can_servo.lawicel import LawicelBus
-from drivers.emulated_address import is_emulated
-from drivers.remedies import START
+from drivers.emulated_address import START, is_emulated
 from sim.can_wiring import CanOptions
 from sim.errors import ConfigError, DeviceError
 from sim.resources import nearest

@@ -11,8 +11,7 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
-from drivers.emulated_address import at_emulator
-from drivers.remedies import START
+from drivers.emulated_address import START, at_emulator
 from drivers.ur_rtde.wire import BrokenStream, Recipe, Splitter, request
 from sim.errors import DeviceError
 

@@ -25,7 +25,7 @@ def test_check_prints_every_check_as_a_table_and_as_json(capsys: pytest.CaptureF
     assert main(["check", "mock-ur10e", "--seconds", "0.1"]) == 0
     out = capsys.readouterr().out
     assert "torque at rest" in out
-    assert out.endswith("checks pass; 1 noted, with nothing to compare.\nnext: calib plan ur10e --cell mock-ur10e\n")
+    assert out.endswith("checks pass; 1 noted, without a verdict.\nnext: calib plan ur10e --cell mock-ur10e\n")
     assert main(["check", "mock-ur10e", "--seconds", "0.1", "--json"]) == 0
     reply = json.loads(capsys.readouterr().out)
     assert (reply["schema"], reply["ok"]) == ("check/1", True)
