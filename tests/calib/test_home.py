@@ -183,6 +183,7 @@ def test_a_posture_from_which_no_stop_is_possible_is_told_from_one_that_is_only_
     assert max(worst, key=lambda use: use[1]) == ("torque", pytest.approx(room.stopping(HOME[None]).max(), rel=0.05))
 
 
+@pytest.mark.slow
 def test_where_a_stop_is_hardly_possible_at_the_roomiest_the_home_is_one_where_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
     arm = load_arm("ur10e")
     room = Room(arm, open_cell(arm))
@@ -205,6 +206,7 @@ def test_where_a_stop_is_hardly_possible_at_the_roomiest_the_home_is_one_where_i
     assert (room.stopping(found[None]) < 0.7).all()
 
 
+@pytest.mark.slow
 def test_a_stop_by_drives_of_which_nobody_stated_anything_moves_no_home(monkeypatch: pytest.MonkeyPatch) -> None:
     """A plan requires the missing values. Torque that is only assumed says little about a posture."""
     arm = silent(load_arm("ur10e"))

@@ -105,6 +105,7 @@ def test_a_mat_file_that_ends_its_reader_ends_only_the_reader(
         read_table(tmp_path / "a.mat", FORMATS, Damage(tmp_path / "a.mat"))
 
 
+@pytest.mark.slow
 @settings(max_examples=80, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
 @given(data=st.data())
 def test_bytes_changed_at_random_never_crash(tmp_path: Path, data: st.DataObject) -> None:

@@ -73,6 +73,7 @@ def test_columns_that_nobody_asks_for_are_not_computed(ur10e: Arm, monkeypatch: 
     assert asked == {"torque_gain"}
 
 
+@pytest.mark.slow
 def test_a_link_is_found_whether_its_moments_follow_its_mass_or_not(ur10e: Arm) -> None:
     """Half of the elbow's link is missing. When the moments had to follow the mass, the mass was off by up to 2.6 std here."""
     tree, elbow = ur10e.tree, ur10e.joint_index("elbow_joint")

@@ -96,7 +96,7 @@ def test_a_name_that_came_first_gives_way_to_the_right_one(ur10e: Arm) -> None:
     assert {(e.effect, e.joint) for e in ended.accepted} == {("payload", None), ("joint_spring", "elbow_joint")}
 
 
-@pytest.mark.parametrize("drag", [14.0, 3.0])
+@pytest.mark.parametrize("drag", [3.0, pytest.param(14.0, marks=pytest.mark.slow)])
 def test_what_has_no_name_in_the_catalogue_is_said_to_have_none(ur10e: Arm, drag: float) -> None:
     def drag_of_a_neighbour(motion: Trajectory, tau: np.ndarray) -> np.ndarray:
         out = np.zeros_like(tau)
@@ -111,6 +111,7 @@ def test_what_has_no_name_in_the_catalogue_is_said_to_have_none(ur10e: Arm, drag
     assert names(found) == []
 
 
+@pytest.mark.slow
 def test_what_is_most_of_a_joints_structure_is_named_beside_what_has_no_name(ur10e: Arm) -> None:
     def spring_and_drag(motion: Trajectory, tau: np.ndarray) -> np.ndarray:
         out = np.zeros_like(tau)
@@ -139,6 +140,7 @@ def test_what_the_model_lacks_is_no_noise(ur10e: Arm) -> None:
     assert springy == pytest.approx(clean, rel=0.25)
 
 
+@pytest.mark.slow
 def test_a_recording_too_short_to_measure_noise_has_no_floor(ur10e: Arm, tmp_path: Path) -> None:
     """With too few rows for a noise model beside the ordinary parameters, the floor would contain the arm's own error."""
     log = recording(ur10e, 1, seconds=6.0)

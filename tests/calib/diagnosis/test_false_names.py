@@ -37,6 +37,7 @@ def test_one_linear_parameter_brings_a_chi_square_of_one(null: NullDistribution,
         assert null.gains["viscous_friction", joint].mean() == pytest.approx(1.0, abs=0.15)
 
 
+@pytest.mark.slow
 def test_other_recordings_without_an_effect_fall_where_it_says(null: NullDistribution, ur10e: Arm) -> None:
     """Of eight other motions with other noise, none is beyond 1 in 100, and not all are on one side of the median."""
     chances = []

@@ -88,6 +88,7 @@ def test_an_error_of_some_encoder_steps_is_no_lag(ur10e: Arm) -> None:
     assert limits_reached(ur10e, [replace(log, q=q, q_cmd=q_cmd)]) == []
 
 
+@pytest.mark.slow
 def test_a_limit_beside_a_name_is_told_and_written_and_survives_a_long_recording(
     ur10e: Arm, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -48,7 +48,7 @@ def test_an_observed_gap_is_fitted_at_its_value_and_its_absence_costs_what_it_sh
     assert with_gap.std()[0]["half_gap"] == GAP / 20
 
 
-@pytest.mark.parametrize("written", [True, False])
+@pytest.mark.parametrize("written", [True, pytest.param(False, marks=pytest.mark.slow)])
 def test_an_observed_gap_is_answered_with_its_source_and_no_share_that_the_torque_does_not_show(
     arm: Arm, monkeypatch: pytest.MonkeyPatch, written: bool
 ) -> None:
@@ -97,6 +97,7 @@ def test_structure_that_another_form_of_a_name_leaves_at_its_joint_is_no_second_
     assert not_left_by_form([odd], []) == [odd]
 
 
+@pytest.mark.slow
 def test_a_gap_that_shows_under_the_loads_that_were_found_is_searched_for(arm: Arm) -> None:
     """The nominal load of the pan changes sign at other angles than the load under a force on the tool."""
     force, gap = ArmEffect("tool_force", None, {"force_x": 40.0, "force_y": 30.0, "force_z": 0.0}), 1e-3

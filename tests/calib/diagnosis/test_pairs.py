@@ -38,7 +38,8 @@ SPRING = ArmEffect("joint_spring", WRIST, {"stiffness": 0.1, "rest_angle": -4.0}
 
 # while a joint slides, friction that differs between the directions is an offset
 @pytest.mark.parametrize(
-    ("truth", "wrong", "alike"), [(TRUTH, WRONG, {}), (OFFSETS, SPRING, {"asymmetric_friction": "torque_offset"})]
+    ("truth", "wrong", "alike"),
+    [(TRUTH, WRONG, {}), pytest.param(OFFSETS, SPRING, {"asymmetric_friction": "torque_offset"}, marks=pytest.mark.slow)],
 )
 def test_a_wrong_first_effect_gives_way_to_the_two_that_it_imitates(
     ur10e: Arm, truth: tuple[ArmEffect, ...], wrong: ArmEffect, alike: dict[str, str]

@@ -40,6 +40,7 @@ def test_an_effect_that_only_the_fitted_recordings_have_is_refused(ur10e: Arm) -
     assert written == 0.0
 
 
+@pytest.mark.slow
 def test_an_effect_that_all_have_is_written(ur10e: Arm) -> None:
     promotion, spring = _promoted(ur10e, SPRING, SPRING)
     assert promotion.refused == ()

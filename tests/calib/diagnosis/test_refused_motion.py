@@ -26,6 +26,7 @@ SPRING = ArmEffect("joint_spring", "elbow_joint", {"stiffness": 12.0, "rest_angl
 STRIBECK = ArmEffect("stribeck_friction", "wrist_3_joint", {"stiction_excess": 1.5, "stribeck_velocity": 1.0})
 
 
+@pytest.mark.slow
 def test_an_effect_that_only_a_refit_makes_bearable_is_left_out_alone(ur10e: Arm, monkeypatch: pytest.MonkeyPatch) -> None:
     those = warmed([measured(recording(ur10e, seed, HIDDEN), ur10e) for seed in (1, 2)])
     baseline = started(those, Hypothesis.nominal(ur10e))

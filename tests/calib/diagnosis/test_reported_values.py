@@ -37,6 +37,7 @@ def test_what_the_arm_folder_holds_is_reported_beside_what_was_fitted(ur10e: Arm
             assert 0 < x["std_by_law"] < x["std"]
 
 
+@pytest.mark.slow
 def test_of_an_effect_of_the_whole_arm_the_report_and_the_arm_folder_hold_one_number(ur10e: Arm, tmp_path: Path) -> None:
     def pull(motion: Trajectory, tau: np.ndarray) -> np.ndarray:
         pulled = with_effect(ur10e, ArmEffect("tool_force", None, {"force_x": 0.0, "force_y": 25.0, "force_z": 0.0}))

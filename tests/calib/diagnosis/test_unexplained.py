@@ -149,6 +149,7 @@ def test_what_imitates_an_effect_is_not_given_its_name(ur10e: Arm, hidden: Hidde
     assert any(x.startswith(imitated) and words in x for x in found["refused"])
 
 
+@pytest.mark.slow
 def test_a_strong_effect_is_not_taken_for_what_imitates_it(ur10e: Arm) -> None:
     """Robust weights remove most of what a strong spring gains, but nothing of an imitator's linear gain."""
 

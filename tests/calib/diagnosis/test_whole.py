@@ -117,6 +117,7 @@ def test_a_piece_that_was_not_searched_and_is_unlike_the_others_is_searched_too(
     ]
 
 
+@pytest.mark.slow
 def test_an_arm_with_friction_laws_stays_as_it_was_tested(ur10e: Arm) -> None:
     """The elbow has a spring and friction that no single effect describes. Half of the recording is searched."""
 

@@ -39,6 +39,7 @@ def test_an_effect_that_a_friction_law_stands_for_is_still_reported(
     assert ("is written into the corrected arm as a friction law" in answer["refused"][0]) == by_law
 
 
+@pytest.mark.slow
 def test_a_law_drives_no_joint_beyond_the_speeds_that_were_recorded(ur10e: Arm) -> None:
     """Friction that bends down within the recorded speeds: its parabola would fall below zero at the joint's speed limit."""
     fast, top = replace(ur10e, dq_max=3.0 * ur10e.dq_max), 2.2

@@ -6,6 +6,8 @@ import shlex
 from dataclasses import replace
 from pathlib import Path
 
+import pytest
+
 from calib import main as program
 from calib.fleet.inventory import by_arm, inventory
 from calib.fleet.job import Answer, ArmStatus, Job
@@ -21,6 +23,7 @@ def answer(folder: Path, arm: Arm) -> Answer:
     return work(Job(arm_id, arm, own, diagnose=False))
 
 
+@pytest.mark.slow
 def test_a_row_advises_what_can_be_done(tmp_path: Path, ur5e: Arm) -> None:
     log = recorded(ur5e, fourier_motion(ur5e, 1, 12.0, 125.0), 1)
     tau = log.tau.copy()

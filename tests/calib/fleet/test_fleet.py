@@ -39,6 +39,7 @@ def test_of_an_unknown_arm_the_places_of_models_are_named(
     assert "there is no arm 'nobodys' in ./configs/arms; copy its folder there, or name the folder above arms/" in printed
 
 
+@pytest.mark.slow
 def test_a_copy_of_a_recording_counts_once(tmp_path: Path, ur5e: Arm) -> None:
     file = write_recording(tmp_path / "plant" / "cell" / "a.mcap", ur5e, varied(ur5e, 1), 1)
     once = run_fleet(inventory(str(tmp_path / "plant")), tmp_path / "once", HERE).rows[0]

@@ -46,6 +46,7 @@ def test_physics_is_asked_once_about_the_same_arm_and_readings(monkeypatch: pyte
     assert len(module._kept) == 16
 
 
+@pytest.mark.slow
 def test_wrong_recordings_do_not_and_the_cause_comes_first_in_nine_of_ten() -> None:
     """The first SHORT cases of the corpus; `test_the_whole_corpus` runs all of it."""
     named = 0

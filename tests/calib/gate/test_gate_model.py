@@ -82,9 +82,9 @@ def test_a_load_a_tilted_base_or_a_pull_is_neither_another_arm_nor_another_colum
         # joints moved one after the other: a heavier arm explains the load as well as a load does
         (Case(6, "single", "ur10e", 3, True, 7006, (("payload", -1),)), "friction"),
         # a strong pull at the tool: with free scales, a load of any mass fits
-        (listed(76, 26112811)[75], "excitation"),
+        pytest.param(listed(76, 26112811)[75], "excitation", marks=pytest.mark.slow),
         # a wrist that the motor of the joint before it turns backwards: the residual of its reversed readings is 11 % smaller
-        (listed(33, 26113071)[32], "validation"),
+        pytest.param(listed(33, 26113071)[32], "validation", marks=pytest.mark.slow),
     ],
 )
 def test_a_recording_of_an_exam_that_was_refused_is_the_arms(

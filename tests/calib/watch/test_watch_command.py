@@ -136,6 +136,7 @@ def test_trend_needs_runs_and_a_replay_counts_once(
     assert main(["watch", "--trend", "--database", str(tmp_path / "none.sqlite")]) == 2
 
 
+@pytest.mark.slow
 def test_the_trend_has_both_recordings_of_one_name_at_the_time_of_each(
     watched: tuple[Path, Path, int], tmp_path: Path, servo6: Arm, shift: tuple[list[JointState], float, float]
 ) -> None:

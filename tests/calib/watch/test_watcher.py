@@ -101,7 +101,7 @@ def test_what_is_declared_is_compared(servo6: Arm, loaded: Arm, calm: list[Joint
     assert watched(Watcher(servo6, 200.0, Declared(LOAD["mass"], com, "the controller")), carried) == []
 
 
-@pytest.mark.parametrize("seconds", [0.25, 1.0])
+@pytest.mark.parametrize("seconds", [0.25, pytest.param(1.0, marks=pytest.mark.slow)])
 def test_a_push_from_the_side_is_a_contact_and_no_payload(servo6: Arm, seconds: float) -> None:
     motion = work(servo6, 24.0, seed=0)
     start = moving_at(servo6, motion, 18.0)
