@@ -20,7 +20,7 @@ LARGE := tests/calib/test_claims.py tests/safety/test_execution.py tests/safety/
 test: $(VENV)/ready  ## the tests that CI runs; the drivers' tests run last, because they keep real time
 	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder $(LARGE)
 	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder $(LARGE:%=--ignore=%) --ignore=tests/drivers
-	$(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder -r R tests/drivers
+	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder -r R tests/drivers
 
 test-docs: $(VENV)/ready  ## every command block of README and docs, in reading order
 	$(BIN)/python -m pytest -m slow tests/test_docs.py

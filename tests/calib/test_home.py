@@ -41,8 +41,7 @@ def test_a_home_that_the_torque_limits_cannot_hold_is_not_taken() -> None:
 
 
 def test_where_the_arm_can_be_held_only_where_it_is_not_clear_the_torque_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    arm = load_arm("ur10e")
-    room = Room(arm, open_cell(arm))
+    room = Room(load_arm("ur10e"), open_cell(load_arm("ur10e")))
 
     def holding(q: np.ndarray) -> np.ndarray:
         clear = room.nearness.clearances(q)[0].min(axis=1) >= CLEARANCE_MARGIN
@@ -66,6 +65,7 @@ def test_where_what_nobody_stated_takes_the_torque_the_sentence_names_it() -> No
         home_of(room, room.cell, None, np.random.default_rng(0))
 
 
+@pytest.mark.slow
 def test_a_home_lets_every_joint_sweep(monkeypatch: pytest.MonkeyPatch) -> None:
     """The best posture that allows it; if none does, the best one with a motion."""
     arm = load_arm("ur10e")
@@ -242,8 +242,7 @@ def test_masses_that_no_motor_holds_ask_for_a_spring_which_takes_of_their_torque
 
 
 def test_a_sweep_that_torque_refuses_names_what_nobody_stated_of_the_drives() -> None:
-    arm = load_arm("ur10e")
-    room = Room(arm, open_cell(arm))
+    room = Room(arm := load_arm("ur10e"), open_cell(arm))
     weak = replace(arm, tau_max=1.05 * room.holding(HOME[None])[0] * arm.tau_max)
     with pytest.raises(AnswerIsNo, match=r"to either side; the torque limit restricts it: give another start with --home$"):
         sweep_range(Room(weak, room.cell), HOME, 1, np.array([0.5]))

@@ -62,7 +62,7 @@ def test_the_arm_of_the_cell_passes_with_any_friction(ur10e: Arm, mock_cell: Cel
     assert "that of a ur10e" in found["arm of the family, gravity torque"].detail
 
 
-@pytest.mark.parametrize("name", ["ur5e", "ur16e", "ur30"])
+@pytest.mark.parametrize("name", ["ur16e", *(pytest.param(other, marks=pytest.mark.slow) for other in ("ur5e", "ur30"))])
 def test_another_arm_of_the_family_is_named(ur10e: Arm, mock_cell: Cell, name: str) -> None:
     """At a single pose, with the friction that a UR10e states, a UR16e looks like a UR10e; the sweep distinguishes them."""
     found = tried(load_arm(name), ur10e, mock_cell)

@@ -111,6 +111,7 @@ def test_the_answer_names_the_question_and_writes_the_changed_arm(ur10e: Arm, tm
     assert gap["refit"] == []
 
 
+@pytest.mark.slow
 def test_an_arm_that_holds_the_change_already_is_not_given_it_again(ur10e: Arm, tmp_path: Path) -> None:
     before = [recording(ur10e, seed, always) for seed in (1, 2, 3)]
     corrected = with_effect(ur10e, ArmEffect("torque_offset", "wrist_1_joint", {"offset": 3.0}))

@@ -43,6 +43,7 @@ def test_where_nothing_is_hidden_nothing_is_found(ur10e: Arm) -> None:
     assert found.answer["unexplained"] == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("effect", "parameter", "value", "hidden"),
     [

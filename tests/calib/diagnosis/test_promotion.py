@@ -50,6 +50,7 @@ def test_an_effect_that_all_have_is_written(ur10e: Arm) -> None:
     assert all(b.flange < 1.2 * a.flange for a, b in promotion.motion)
 
 
+@pytest.mark.slow
 def test_an_effect_is_not_refused_for_what_a_refit_does_at_another_joint(ur10e: Arm) -> None:
     """The elbow's friction needs a refit. Wrist 3 has more friction in the fitted recordings only: refitting all is worse
     there.
@@ -100,6 +101,7 @@ def test_a_limit_that_was_reached_is_written_although_no_arm_with_it_predicts_as
     assert promotion.laws == ()
 
 
+@pytest.mark.slow
 def test_a_law_alone_leaves_links_and_other_joints_as_they_were(ur10e: Arm) -> None:
     """The elbow drags after reversals. Without a held-out recording, it is unknown whether a full refit predicts better."""
 

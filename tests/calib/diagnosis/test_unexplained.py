@@ -75,7 +75,8 @@ def test_a_mass_that_swings_behind_a_joint_is_reported_as_a_resonance(ur10e: Arm
     assert "resonance:shoulder_pan_joint" in unexplained_at(found, "shoulder_pan_joint")
 
 
-@pytest.mark.parametrize(("width", "level"), [pytest.param(0.15, 8.0, marks=pytest.mark.slow), (0.28, 10.0)])
+@pytest.mark.slow
+@pytest.mark.parametrize(("width", "level"), [(0.15, 8.0), (0.28, 10.0)])
 def test_a_dress_pack_that_drags_after_reversals_is_reported_as_hysteresis(ur10e: Arm, width: float, level: float) -> None:
     """A play operator, which reaches its level at once, unlike Dahl's law."""
 
@@ -139,7 +140,7 @@ def dragging(waves: float, most: float) -> Hidden:
 @pytest.mark.parametrize(
     ("hidden", "imitated", "words"),
     [
-        (creeping(5.0, 4.0), "joint spring", "relaxes within seconds"),
+        pytest.param(creeping(5.0, 4.0), "joint spring", "relaxes within seconds", marks=pytest.mark.slow),
         pytest.param(dragging(2.0, 2.0), "encoder eccentricity", "varies along the angle", marks=pytest.mark.slow),
     ],
 )

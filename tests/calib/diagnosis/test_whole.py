@@ -136,6 +136,7 @@ def test_an_arm_with_friction_laws_stays_as_it_was_tested(ur10e: Arm) -> None:
         assert law["parameters"] == {k: v for k, v in written[law["joint"]].items() if v}
 
 
+@pytest.mark.slow
 def test_a_short_recording_is_searched_whole(ur10e: Arm, logs: list[Log]) -> None:
     _, whole = diagnose_pieces(ur10e, Pieces(logs[0]), [logs[1]])
     assert whole.searched == whole.weighed == pytest.approx(12, abs=0.1)

@@ -138,6 +138,7 @@ def test_only_the_residual_of_a_sliding_joint_is_compared_with_noise() -> None:
     assert diagnosis.next_steps(data | {"baseline": ["a", "b", "c"]})[-1].startswith("Nothing to do")
 
 
+@pytest.mark.slow
 def test_a_page_without_a_sliding_joint_has_no_picture_of_noise(tmp_path: Path) -> None:
     data, evidence = examples.diagnosis("no_missing_effect")
     some = [0.15, 0.18, 0.15, 0.15, 0.15, None]

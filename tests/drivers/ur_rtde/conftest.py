@@ -23,6 +23,7 @@ from sim.joint_state import JointState
 Pair = Callable[..., tuple[UrEmulator, UrDriver]]
 ZERO = np.zeros(6)
 LONG = 20.0  # s, limit for every wait here
+CB3 = "3.15.4"  # 125 Hz: a quarter of the load on this computer, where the rate does not matter
 _addresses = itertools.count(1)
 
 # The emulated controller shares a computer with the tests, so these limits are generous; tests of timing rules set their own.

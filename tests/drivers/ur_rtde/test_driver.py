@@ -19,7 +19,7 @@ from sim.cell import Cell
 from sim.emulated.ur.robot import PAUSED, STOPPED
 from sim.errors import DeviceError
 from sim.joint_state import Status
-from tests.drivers.ur_rtde.conftest import LONG, ZERO, Pair, rests, stream, wait_for
+from tests.drivers.ur_rtde.conftest import CB3, LONG, ZERO, Pair, rests, stream, wait_for
 
 ENVIRONMENT = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
 
@@ -140,7 +140,7 @@ def test_what_happens_at_the_robot_is_named_and_never_undone(pair: Pair, fault: 
     ],
 )
 def test_what_happens_to_the_line_ends_the_motion_with_a_sentence(pair: Pair, fault: str, word: str) -> None:
-    emulator, driver = pair(frame_timeout=0.09)
+    emulator, driver = pair(polyscope=CB3, frame_timeout=0.09)
     driver.connect()
     stream(driver, 0.1)
     emulator.inject(fault)

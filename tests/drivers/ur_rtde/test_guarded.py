@@ -25,6 +25,7 @@ from sim.cell import Cell
 from sim.emulated.ur.emulator import UrEmulator
 from sim.emulated.ur.line import GAP
 from sim.errors import ConfigError
+from tests.drivers.ur_rtde.conftest import CB3
 
 Pair = Callable[..., tuple[UrEmulator, UrDriver]]
 BUSY = 0.25  # s, latency that the computer of these tests may have
@@ -53,7 +54,7 @@ def test_the_guard_drives_a_cleared_motion_to_its_end(pair: Pair, arm: Arm, cell
 def test_a_gap_is_marked_with_its_length_and_the_motion_goes_on(
     pair: Pair, arm: Arm, cell: Callable[..., Cell], tmp_path: Path
 ) -> None:
-    emulator, driver = pair()
+    emulator, driver = pair(polyscope=CB3)
     with driver:
         guard, motion, target = prepared(
             driver, arm, cell(), lambda cycle: emulator.inject("gap") if cycle.k == cycle.count // 2 else None
@@ -63,7 +64,7 @@ def test_a_gap_is_marked_with_its_length_and_the_motion_goes_on(
         guard.hold(0.5, "the end")
         assert driver.read().q == pytest.approx(target, abs=0.01)
     marks = [e for e in read_log(tmp_path / "log.mcap").events if e.name == "gap"]
-    assert any(e.message.startswith(f"{GAP} readings are missing: {2 * (GAP + 1)} ms") for e in marks)
+    assert any(e.message.startswith(f"{GAP} readings are missing: {8 * (GAP + 1)} ms") for e in marks)
 
 
 def test_a_rule_shorter_than_three_periods_is_refused(arm: Arm, cell: Callable[..., Cell]) -> None:
@@ -86,7 +87,7 @@ def test_a_rule_shorter_than_three_periods_is_refused(arm: Arm, cell: Callable[.
 def test_a_fault_ends_the_motion_in_a_bounded_stop(
     pair: Pair, arm: Arm, cell: Callable[..., Cell], fault: str, word: str
 ) -> None:
-    emulator, driver = pair(frame_timeout=0.2)
+    emulator, driver = pair(polyscope=CB3, frame_timeout=0.2)
     with driver:
         guard, motion, _ = prepared(
             driver, arm, cell(), lambda cycle: emulator.inject(fault) if cycle.k == cycle.count // 2 else None

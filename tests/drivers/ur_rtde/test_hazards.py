@@ -28,7 +28,7 @@ from sim.emulated.ur.emulator import UrEmulator
 from sim.emulated.ur.robot import NORMAL, STOPPED, UNLOCK_AFTER
 from sim.errors import DeviceError
 from sim.joint_state import Status
-from tests.drivers.ur_rtde.conftest import ZERO, Pair, rests, stream, wait_for
+from tests.drivers.ur_rtde.conftest import CB3, ZERO, Pair, rests, stream, wait_for
 
 
 @pytest.mark.parametrize("fault", ["close", "refuse"])
@@ -107,9 +107,8 @@ def test_an_older_version_is_refused_with_what_to_do(pair: Pair, polyscope: str)
         driver.connect()
 
 
-@pytest.mark.flaky(reruns=4, reruns_delay=2)  # two emulated robots in real time need both cores of a small computer
 def test_two_robots_on_one_computer_do_not_hear_each_other(pair: Pair, arm: Arm, cell: Callable[..., Cell]) -> None:
-    (one, first), (other, second) = pair(), pair()
+    (one, first), (other, second) = pair(polyscope=CB3), pair(polyscope=CB3)
     assert isinstance(other, UrEmulator)
     with first, second:
         stood = second.read().q
