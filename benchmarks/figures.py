@@ -22,7 +22,8 @@ HEAD = """# Figures
 
 Every table is built by `make figures` from a file in `results/`, which the command above the table wrote. `make figures` also says which
 figures are older than the code that they measure. A bar is what was set before measuring, whether it was reached or not. Times depend on
-the machine's load, which is given where it matters: 1 min average at the beginning and at the end, on the stated number of cores.
+the machine, so each table gives its load (1 min average at the beginning and at the end, on the stated number of cores) and the time of a
+fixed calculation on it, which doubles where a shared computer is half as fast.
 """
 
 
@@ -80,7 +81,8 @@ def table(results: Results, rows: list[Mapping[str, Any]]) -> str:
     before = machine.get("load_before")
     load = f"{before:g} to {machine['load_after']:g}" if isinstance(before, int | float) else f"{machine['load_after']:g}"
     changed = " with uncommitted changes" if results.uncommitted else ""
-    source = f"Measured {results.date}, commit {results.commit}{changed}, {machine['cores']} cores, load {load}."
+    speed = f", reference calculation {machine['reference_ms']} ms" if "reference_ms" in machine else ""
+    source = f"Measured {results.date}, commit {results.commit}{changed}, {machine['cores']} cores, load {load}{speed}."
     return "\n".join([*lines, "", source])
 
 

@@ -14,7 +14,9 @@ import json
 import os
 import platform
 import re
+import statistics
 import tempfile
+import time
 import tokenize
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -22,6 +24,8 @@ from datetime import UTC, datetime
 from functools import cache
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from benchmarks.imports import ROOT, files, git
 from benchmarks.wording import structure
@@ -73,6 +77,7 @@ def write(
             "cores": os.cpu_count(),
             "load_before": load_before,
             "load_after": round(os.getloadavg()[0], 2),
+            "reference_ms": round(1000 * reference_time()),
         },
         "measures": {path: digest(path) for path in measures},
         "rows": kept,
@@ -81,6 +86,18 @@ def write(
     place = folder / f"{name}.json"
     place.write_text(json.dumps(content, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
     return place
+
+
+def reference_time() -> float:
+    """Processor time of a fixed calculation, s, median of five: a shared computer may be half as fast an hour later."""
+
+    def once() -> float:
+        numbers, began = np.random.default_rng(0).random(1_000_000), time.process_time()
+        sum(i * i for i in range(1_000_000))
+        np.sort(numbers)
+        return time.process_time() - began
+
+    return statistics.median(once() for _ in range(5))
 
 
 def _checked(row: Mapping[str, Any]) -> dict[str, Any]:

@@ -21,6 +21,7 @@ def test_what_is_written_is_read_back(tmp_path: Path) -> None:
     assert found.rows == ({"what": "a", "value": 1.5, "unit": "s"},)
     assert found.command == "make demo"
     assert found.machine["load_before"] == 0.5
+    assert found.machine["reference_ms"] > 0
     assert found.outdated() == []
 
 
