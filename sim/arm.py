@@ -18,9 +18,9 @@ from sim.files import MAX_TABLE, as_text, is_name, read_bytes, toml_table
 from sim.model import compiled, kinematic_tree
 from sim.model_facts import model_limits, model_name, unknown_sensors
 from sim.model_text import checked_text, urdf_speed_limits
-from sim.plugins import arm_folder, plugins
+from sim.plugins import arm_folder, check_names, plugins
 from sim.prior import bare_prior
-from sim.resources import config_folders, nearest
+from sim.resources import config_folders, nearest, shipped_configs
 from sim.strict import validated
 from sim.tree import KinematicTree
 
@@ -131,9 +131,14 @@ def load_arm(reference: str | Path, configs: Path | None = None) -> Arm:
 
 
 def folder_of(name: str, configs: Path | None = None) -> Path | None:
-    """Folder of the named arm, in configs/arms or in a package that adds it; None if there is no such arm."""
+    """Folder of the named arm, in configs/arms or in a package that adds it; None if there is no such arm.
+
+    ConfigError if a package adds an arm that has the name of a shipped one.
+    """
     if not is_name(name):  # a path
         return None
+    if name in plugins("arms") and (shipped_configs() / "arms" / name).is_dir():
+        check_names("arms", [name])
     found = (folder / name for folder in config_folders(configs, "arms") if (folder / name / "arm.toml").is_file())
     return next(found, None) or arm_folder(name)
 

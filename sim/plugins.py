@@ -69,6 +69,8 @@ def arm_folder(name: str) -> Path | None:
     raise ConfigError(f"arm {name!r} of {origin(entry)}: {entry.value} holds no arm.toml; ask its authors")
 
 
-def arm_origin(name: str) -> str:
-    """Package and version that an arm comes from; arm-calib for a shipped arm and for a user's own folder."""
-    return origin(plugins("arms").get(name))
+def arm_origin(name: str, model: Path) -> str:
+    """Package and version that an arm's model file comes from; arm-calib for a shipped arm and for a user's own folder."""
+    entry = plugins("arms").get(name)
+    folder = arm_folder(name) if entry else None
+    return origin(entry if folder and model.resolve().is_relative_to(folder.resolve()) else None)

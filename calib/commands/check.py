@@ -60,8 +60,8 @@ def command(
         confirm(table, arm.name, "every joint by two degrees and back, then all of them by up to half a radian")
     if driver_origin(table.table.driver) != OWN and not as_json:
         console.say(f"driver {table.table.driver} comes from {driver_origin(table.table.driver)}")
-    if arm_origin(table.table.arm) != OWN and not as_json:
-        console.say(f"arm {table.table.arm} comes from {arm_origin(table.table.arm)}")
+    if (source := arm_origin(table.table.arm, arm.model_path)) != OWN and not as_json:
+        console.say(f"arm {table.table.arm} comes from {source}")
     lock_cell(table)
     with console.progress(f"asking the device of {table.name}") as show, StopSignals() as signals:
         waits = table.table.driver not in ("mock", "replay")
