@@ -20,6 +20,7 @@ from typing import Any
 
 from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
 from benchmarks import ONE_THREAD, results
 
@@ -122,9 +123,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
             results.write(topic.replace(".", "_"), measured, command=line, measures=measures, load_before=round(load, 2))
         took = f"{topic}: {time.perf_counter() - began:.0f} s, load average {load:.1f} before, {os.getloadavg()[0]:.1f} after"
         console.print(took)
-        grid.add_row(f"[bold]{took}[/bold]")
+        grid.add_row(Text(took, style="bold"))
         for row in measured:
-            grid.add_row(*(str(row.get(key, "")) for key in ("what", "value", "unit", "bar", "note")))
+            grid.add_row(*(Text(str(row.get(key, ""))) for key in ("what", "value", "unit", "bar", "note")))
         grid.add_section()
         rows += [row | {"topic": topic} for row in measured]
         if given.json:
