@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: real figures mutants faults kills wrong hostile arms test-arms test-arms-new test-arms-steps peers coverage branches player docs demo test test-docs test-slow check bench exam exam-quick format clean
+.PHONY: real figures mutants faults kills wrong hostile arms test-arms test-arms-new test-arms-steps peers coverage branches player docs demo test test-docs test-docs-apart test-docs-story test-slow check bench exam exam-quick format clean
 
 $(VENV)/ready: pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
@@ -22,8 +22,15 @@ test: $(VENV)/ready  ## the tests that CI runs; the drivers' tests run last, bec
 	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder $(LARGE:%=--ignore=%) --ignore=tests/drivers
 	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder -r R tests/drivers
 
-test-docs: $(VENV)/ready  ## every command block of README and docs, in reading order
-	$(BIN)/python -m pytest -m slow tests/test_docs.py
+# these need nothing of the other blocks, so `make --jobs` runs them beside those
+APART := demo or add-an-arm
+test-docs: test-docs-apart test-docs-story  ## every command block of README and docs, in reading order
+
+test-docs-apart: $(VENV)/ready
+	$(BIN)/python -m pytest -m slow -k "$(APART)" tests/test_docs.py
+
+test-docs-story: $(VENV)/ready
+	$(BIN)/python -m pytest -m slow -k "not ($(APART))" tests/test_docs.py
 
 test-slow: $(VENV)/ready  ## fuzzing, mutation, long soaks
 	$(BIN)/python -m pytest -m slow
