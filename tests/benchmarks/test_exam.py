@@ -72,6 +72,7 @@ def test_confusable_pairs_are_of_the_catalogue() -> None:
     assert all(a in BY_NAME and b in BY_NAME and a != b for a, b in CONFUSABLE)
 
 
+@pytest.mark.slow
 def test_a_case_comes_again_and_reads(tmp_path: Path) -> None:
     case = Case(0, "pair", "servo6", 2, True, 99, (("coulomb_friction", 2), ("time_delay", -1)))
     digests = []

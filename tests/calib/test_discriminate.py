@@ -64,6 +64,7 @@ def test_the_chosen_motion_parts_more_than_the_first_that_fits(ur5e: Arm) -> Non
     assert best >= first > 1.0
 
 
+@pytest.mark.slow
 def test_an_ascent_parts_more_than_where_it_began_and_keeps_the_limits(ur5e: Arm) -> None:
     room, pairs, basis = Room(ur5e, open_cell(ur5e)), [(SPRING, ("torque_offset", ELBOW))], Basis(4, 10.0)
     _, first = discriminating(room, pairs, basis, HOME, np.random.default_rng(3), 1, iterations=0)

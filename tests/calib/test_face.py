@@ -81,6 +81,7 @@ home = [-0.5, 0.6]
 """
 
 
+@pytest.mark.slow
 def test_from_plan_to_fit_by_the_face_alone(tmp_path):
     """The whole workflow in Python on an arm from a URDF. A cell that may have a real arm needs a person's approval."""
     (tmp_path / "two.urdf").write_text(TWO.format(links=BODY.format("a") + BODY.format("b")))

@@ -89,6 +89,7 @@ def test_a_plant_from_end_to_end(plant: Path, tmp_path: Path, capsys: pytest.Cap
         }
 
 
+@pytest.mark.slow
 def test_a_new_recording_is_news_for_its_arm_only(tmp_path: Path, ur5e: Arm) -> None:
     for k in range(2):
         write_recording(tmp_path / "plant" / f"cell-{k}" / "a.mcap", ur5e, varied(ur5e, k), k)
