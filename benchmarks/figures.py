@@ -23,7 +23,7 @@ HEAD = """# Figures
 Every table is built by `make figures` from a file in `results/`, which the command above the table wrote. `make figures` also says which
 figures are older than the code that they measure. A bar is what was set before measuring, whether it was reached or not. Times depend on
 the machine, so each table gives its load (1 min average at the beginning and at the end, on the stated number of cores) and the time of a
-fixed calculation on it, which doubles where a shared computer is half as fast.
+fixed calculation on it at the end, which doubles where a shared computer is half as fast.
 """
 
 
