@@ -66,7 +66,7 @@ def outside(tmp_path_factory):
     packages = [
         ("their-bus", "1.2", "drivers", 'their_bus = "their_bus:BusDriver"', {"__init__.py": DRIVER}),
         ("their-cable", "0.3", "effects", 'cable_pull = "their_cable:CablePull"', {"__init__.py": EFFECT}),
-        ("their-arm", "2.0", "arms", 'their_arm = "their_arm"', {"__init__.py": "", **arm}),
+        ("their-arm", "2.0", "arms", 'their_arm = "their_arm"\nur18 = "their_arm"', {"__init__.py": "", **arm}),
         ("their-mistake", "0.1", "effects", 'mistake = "their_mistake:Mistake"', {"__init__.py": BROKEN}),
     ]
     for name, version, group, entry, files in packages:
@@ -118,3 +118,16 @@ def test_a_cell_of_their_driver_and_their_arm_is_checked(outside):
 def test_their_arm_goes_where_an_arm_goes(outside):
     outside("-m", "calib", "export", "their_arm", "--out", "exported")
     assert "known: " in outside("-m", "calib", "export", "their_ram", "--out", "no", code=2)[1]
+
+
+def test_the_name_of_a_shipped_arm_is_refused(outside):
+    refused = outside("-m", "calib", "export", "ur18", "--out", "no", code=2)[1]
+    assert "their-arm 2.0 adds arm 'ur18', which arm-calib already has; uninstall that package" in refused
+
+
+def test_a_folder_of_the_user_comes_first_and_is_not_reported_as_theirs(outside):
+    copy = "from pathlib import Path; from sim.arm import load_arm; from sim.arm_folder import write_arm; "
+    outside("-c", copy + "write_arm(Path('own/arms/their_arm'), load_arm('servo6'))")
+    printed, _ = outside("-m", "calib", "check", "their-cell.toml", "--configs", "own")
+    assert "driver their_bus comes from" in printed
+    assert "arm their_arm comes from" not in printed
