@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import re
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -29,9 +30,14 @@ def rules() -> dict[str, str]:
     return {pattern.replace("\\|", "|"): better for pattern, better in rows}
 
 
+@cache
+def parsed(file: Path) -> ast.Module:
+    return ast.parse(file.read_text(encoding="utf-8"))
+
+
 def messages(module: Path) -> Iterator[tuple[int, str]]:
     """Line and text of every string that a person may read: two words or more, and no docstring except a command's."""
-    tree = ast.parse(module.read_text(encoding="utf-8"))
+    tree = parsed(module)
     silent = set()
     shown = "commands" in module.parts
     for node in ast.walk(tree):
@@ -91,7 +97,7 @@ def test_a_class_name_means_one_thing() -> None:
     for module in MODULES:
         if "emulated" in module.parts:
             continue
-        for node in ast.parse(module.read_text(encoding="utf-8")).body:
+        for node in parsed(module).body:
             if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
                 at.setdefault(node.name, []).append(str(module.relative_to(ROOT)))
     assert {name: files for name, files in at.items() if len(files) > 1} == {}
@@ -105,7 +111,7 @@ def test_a_file_has_one_idea_s_length() -> None:
 
 def private_names(file: Path) -> Iterator[str]:
     """Private names that a file imports from our other files; outside tests, also those used as attributes of imports."""
-    tree, imported = ast.parse(file.read_text(encoding="utf-8")), {}
+    tree, imported = parsed(file), {}
     for node in ast.walk(tree):
         if isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] in OURS:
             imported |= {name.asname or name.name: f"{node.module}.{name.name}" for name in node.names}

@@ -86,6 +86,7 @@ def test_a_known_mass_gives_the_torque_constants(tmp_path: Path) -> None:
     assert "2.4 kg at the flange" in written.provenance["torque_constant"]
 
 
+@pytest.mark.slow
 def test_an_arm_without_torque_constants_gets_them() -> None:
     nominal = replace(load_arm("ur5e"), torque_constant=None)
     constant = np.full(6, 11.0)
@@ -106,6 +107,7 @@ def test_a_joint_whose_torque_a_load_hardly_moves_is_named() -> None:
     assert unknown[0].startswith("the torque constant of wrist_3_joint stays unknown")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("mass", "message"), [(0.0, "may be nothing"), (-1.5, "wrong way round")])
 def test_a_load_that_is_none_or_negative(mass: float, message: str) -> None:
     arm = load_arm("ur5e")

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from benchmarks.known_truth import fitting_motion, recorded_on_mock
 from calib.identification.base_fit import Options
@@ -27,6 +28,7 @@ def test_rows_about_a_reversal_are_found(ur5e: Arm) -> None:
         assert np.all(np.abs(dq[rows[:, j] & m.row_usable[:, j], j]) < 0.25 * np.abs(dq[:, j]).max())
 
 
+@pytest.mark.slow
 def test_sticking_does_not_bias_friction(ur5e: Arm) -> None:
     # The mock's joints stick at every reversal until the drive has built up torque. With those rows coulomb_6 is off by 6 std.
     truth = varied(ur5e, 100)

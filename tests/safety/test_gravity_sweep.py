@@ -81,6 +81,7 @@ def test_a_tool_that_nobody_declared_is_found(ur10e: Arm, mock_cell: Cell) -> No
     assert "tool that the cell file does not declare" in found["gravity torque"].remedy
 
 
+@pytest.mark.slow
 def test_a_joint_that_failed_its_two_degrees_is_not_swept(ur10e: Arm, mock_cell: Cell) -> None:
     driver = OfFamily(Plant(ur10e), ur10e, RATE, SimulatedClock(), start=mock_cell.table.home)
     driver.faults.append(lambda state: replace(state, tau=state.tau * [-1, 1, 1, 1, 1, 1], current=state.current * np.nan))
@@ -104,6 +105,7 @@ def by_current(truth: Arm, cell: Cell, constant: np.ndarray, stated: Arm) -> dic
         return {check.name: check for check in try_joints(driver, cell)}
 
 
+@pytest.mark.slow
 def test_currents_give_torque_constants_where_gravity_loads_a_joint(ur10e: Arm, mock_cell: Cell) -> None:
     found = by_current(ur10e, mock_cell, np.array([9.0, 11.0, 12.0, 8.0, 8.0, 8.0]), ur10e)["torque constants"]
     assert found.ok is None

@@ -63,6 +63,7 @@ def owners(place: Path) -> list[int]:
     return [e["facts"]["pid"] for e in audit.verify(place / "audit.jsonl") if e["event"] == "arm held"]
 
 
+@pytest.mark.slow
 def test_an_arm_that_is_held_is_reported_and_let_go_by_ctrl_c_alone(place: Path, holding: subprocess.Popen[str]) -> None:
     time.sleep(0.5)
     held_reason = (place / "held").read_text()

@@ -168,6 +168,7 @@ def coupled(arm: Arm, hidden: Hidden, size: float) -> Assessed:
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("both", [False, True])
 def test_a_coupled_transmission_shows_at_both_joints(ur10e: Arm, both: bool) -> None:
     def drag(motion: Trajectory, tau: np.ndarray) -> np.ndarray:
@@ -182,6 +183,7 @@ def test_a_coupled_transmission_shows_at_both_joints(ur10e: Arm, both: bool) -> 
     assert found.one_sided != both
 
 
+@pytest.mark.slow
 def test_a_joint_whose_share_of_a_coupling_is_too_small_to_be_seen_decides_nothing(ur10e: Arm) -> None:
     """The noise of the shoulder's torque is many times as large as the share of a weak coupling."""
     rng = np.random.default_rng(0)

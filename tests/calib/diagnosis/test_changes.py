@@ -60,6 +60,7 @@ def test_a_change_is_named_alone_beside_what_the_model_lacks(ur10e: Arm, healthy
     assert 0 < found.changes[0].std["offset"] < 1.0
 
 
+@pytest.mark.slow
 def test_a_change_that_a_later_one_explains_is_dropped(ur10e: Arm, healthy: Healthy, monkeypatch: pytest.MonkeyPatch) -> None:
     scored, firsts = baseline.scored_changes, list[ArmEffect]()
 
@@ -144,6 +145,7 @@ def warm(arm: Arm, seed: int, celsius: np.ndarray) -> Log:
     return replace(log, temperature=np.tile(celsius[:, None], (1, arm.n)))
 
 
+@pytest.mark.slow
 def test_the_corrected_arm_is_judged_as_warm_as_the_recordings_are(ur10e: Arm) -> None:
     count = len(recording(ur10e, 1).t)
     arm = with_effect(ur10e, ArmEffect("thermal_friction", "elbow_joint", {"relative_drop": DROP, "time_constant": SLOWLY}))

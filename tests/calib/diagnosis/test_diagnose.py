@@ -84,6 +84,7 @@ def test_a_payload_is_named_with_its_mass_and_the_corrected_arm_carries_it(ur10e
     assert abs(torque[0, 1]) > abs(RigidBody(ur10e).inverse_dynamics(still, still, still)[0, 1]) + 15.0
 
 
+@pytest.mark.slow
 def test_a_name_that_came_first_gives_way_to_the_right_one(ur10e: Arm) -> None:
     truth = loaded(ur10e, 2.0, np.array([0.0, 0.02, 0.1]))
     logs = warmed(
@@ -155,6 +156,7 @@ def test_a_recording_too_short_to_measure_noise_has_no_floor(ur10e: Arm, tmp_pat
     assert longer.answer["noise_source"]
 
 
+@pytest.mark.slow
 def test_a_push_is_found_in_time_and_not_written_into_the_arm(ur10e: Arm, tmp_path: Path) -> None:
     def pushed(motion: Trajectory, tau: np.ndarray) -> np.ndarray:
         window = np.clip(1 - np.abs(motion.t - 7.0) / 0.6, 0, None)  # a triangle

@@ -48,7 +48,8 @@ def test_an_observed_gap_is_fitted_at_its_value_and_its_absence_costs_what_it_sh
     assert with_gap.std()[0]["half_gap"] == GAP / 20
 
 
-@pytest.mark.parametrize("written", [True, pytest.param(False, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("written", [True, False])
 def test_an_observed_gap_is_answered_with_its_source_and_no_share_that_the_torque_does_not_show(
     arm: Arm, monkeypatch: pytest.MonkeyPatch, written: bool
 ) -> None:

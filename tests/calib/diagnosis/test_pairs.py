@@ -37,6 +37,7 @@ SPRING = ArmEffect("joint_spring", WRIST, {"stiffness": 0.1, "rest_angle": -4.0}
 
 
 # while a joint slides, friction that differs between the directions is an offset
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("truth", "wrong", "alike"),
     [(TRUTH, WRONG, {}), pytest.param(OFFSETS, SPRING, {"asymmetric_friction": "torque_offset"}, marks=pytest.mark.slow)],

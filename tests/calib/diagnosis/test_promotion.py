@@ -74,6 +74,7 @@ def test_an_effect_is_not_refused_for_what_a_refit_does_at_another_joint(ur10e: 
     assert viscous.parameters["viscous"] - before.parameters["viscous"] == pytest.approx(8.0, rel=0.2)
 
 
+@pytest.mark.slow
 def test_where_a_refit_predicts_worse_a_joint_stays_as_it_was(ur10e: Arm) -> None:
     """Friction of the pan joint is higher in all recordings, of wrist 3 in the fitted ones only. Only the first is written."""
     pan, stiffer = at(0, lambda q, dq: 8.0 * dq), at(5, lambda q, dq: 1.5 * dq)
@@ -219,6 +220,7 @@ def _written(errors: np.ndarray, sliding: np.ndarray | None = None) -> WrittenAr
     return WrittenArm(ArmChange({}, ()), (), errors, np.ones(errors.shape, dtype=bool) if sliding is None else sliding)
 
 
+@pytest.mark.slow
 def test_where_every_correction_is_refused_no_arm_is_written(ur10e: Arm, tmp_path: Path) -> None:
     found = diagnose(ur10e, [recording(ur10e, 1, SPRING), recording(ur10e, 2, SPRING)], [recording(ur10e, 3)])
     found.write(tmp_path, ur10e)

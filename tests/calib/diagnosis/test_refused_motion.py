@@ -48,6 +48,7 @@ def test_an_effect_that_only_a_refit_makes_bearable_is_left_out_alone(ur10e: Arm
     assert [e.effect for e in promotion.change.effects] == ["joint_spring"]
 
 
+@pytest.mark.slow
 def test_an_effect_need_not_be_as_good_as_a_refit_that_moves_worse(ur10e: Arm, monkeypatch: pytest.MonkeyPatch) -> None:
     """With the spring alone the arm is better than before. A refit predicts the elbow better still but moves worse."""
     hidden = at(2, lambda q, dq: 8.0 * (q - 0.4) + 40.0 * dq)

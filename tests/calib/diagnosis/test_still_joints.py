@@ -52,10 +52,9 @@ def test_a_joint_that_stood_in_the_healthy_recordings_is_refused() -> None:
         diagnose_changes(arm, [of_moving(9, None)], [], [of_moving(seed, 5) for seed in (1, 2, 3)])
 
 
-@pytest.mark.parametrize(
-    ("held_out", "rate"),
-    [(1, 40.0), *(pytest.param(*other, marks=pytest.mark.slow) for other in ((0, 40.0), (0, 100.0), (1, 100.0)))],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("held_out", [0, 1])
+@pytest.mark.parametrize("rate", [40.0, 100.0])
 def test_friction_that_differs_is_named_with_and_without_a_held_out_recording(rate: float, held_out: int) -> None:
     """A refit of the arm's own parameters absorbs it as well. That is no reason to leave out its name."""
     arm = load_arm("servo6")

@@ -50,7 +50,8 @@ def pickup(frequency: float) -> Hidden:
     return hidden
 
 
-@pytest.mark.parametrize("frequency", [2.83, pytest.param(6.17, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("frequency", [2.83, 6.17])
 def test_an_oscillation_in_time_alone_is_reported_with_its_frequency(ur10e: Arm, frequency: float) -> None:
     found = asked(ur10e, pickup(frequency)).answer
     (depends,) = unexplained_at(found, "wrist_1_joint")
@@ -92,6 +93,7 @@ def test_a_dress_pack_that_drags_after_reversals_is_reported_as_hysteresis(ur10e
     assert variable("hysteresis:shoulder_pan_joint") == "the travel since a reversal of shoulder_pan_joint"
 
 
+@pytest.mark.slow
 def test_a_damaged_tooth_is_reported_as_friction_at_one_angle(ur10e: Arm) -> None:
     def dent(motion: Trajectory, tau: np.ndarray) -> np.ndarray:
         out, q, dq = np.zeros_like(tau), motion.q[:, WRIST], motion.dq[:, WRIST]
@@ -181,7 +183,8 @@ def test_a_tone_is_found_on_both_sides_of_a_gap(ur10e: Arm, gap: float) -> None:
     assert min(found.gains) > 8.0
 
 
-@pytest.mark.parametrize("seed", [1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (21, 51))])
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 21, 51])
 def test_noise_in_many_columns_is_no_structure_without_a_held_out_recording(seed: int) -> None:
     """Hats over a turn fit noise in proportion to their number: these three recordings once showed friction at one angle."""
     arm = load_arm("servo6")

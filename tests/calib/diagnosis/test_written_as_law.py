@@ -21,6 +21,7 @@ from tests.calib.diagnosis.conftest import at, recording
 SPRING = at(2, lambda q, dq: 12.0 * (q - 0.4))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("by_law", [False, True])
 def test_an_effect_that_a_friction_law_stands_for_is_still_reported(
     ur10e: Arm, monkeypatch: pytest.MonkeyPatch, by_law: bool

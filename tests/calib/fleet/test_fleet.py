@@ -99,6 +99,7 @@ def test_a_new_recording_is_news_for_its_arm_only(tmp_path: Path, ur5e: Arm) -> 
     assert run_fleet(inventory(str(tmp_path / "plant")), tmp_path / "out", HERE).done == ("ur5e+cell-1+S-cell-1",)
 
 
+@pytest.mark.slow
 def test_recordings_are_read_from_any_address(tmp_path: Path, ur5e: Arm) -> None:
     fsspec = pytest.importorskip("fsspec")
     file = write_recording(tmp_path / "cell-0" / "a.mcap", ur5e, varied(ur5e, 1), 1)

@@ -166,6 +166,7 @@ def test_an_open_scheduler_is_reported(
     assert "does not answer" in printed
 
 
+@pytest.mark.slow
 def test_the_parts_of_an_extra_are_requested_by_name(tmp_path: Path) -> None:
     (tmp_path / "plant").mkdir()
     (tmp_path / "log.csv").write_text("t,q1\n0.0,1.0\n0.1,1.0\n")

@@ -76,15 +76,16 @@ def test_a_load_a_tilted_base_or_a_pull_is_neither_another_arm_nor_another_colum
     assert gate(of, [log], family=lambda: shipped(None)).refusal is None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("case", "log"),
     [
         # joints moved one after the other: a heavier arm explains the load as well as a load does
         (Case(6, "single", "ur10e", 3, True, 7006, (("payload", -1),)), "friction"),
         # a strong pull at the tool: with free scales, a load of any mass fits
-        pytest.param(listed(76, 26112811)[75], "excitation", marks=pytest.mark.slow),
+        (listed(76, 26112811)[75], "excitation"),
         # a wrist that the motor of the joint before it turns backwards: the residual of its reversed readings is 11 % smaller
-        pytest.param(listed(33, 26113071)[32], "validation", marks=pytest.mark.slow),
+        (listed(33, 26113071)[32], "validation"),
     ],
 )
 def test_a_recording_of_an_exam_that_was_refused_is_the_arms(

@@ -59,6 +59,7 @@ def test_rows_at_a_limit_that_the_commands_show_are_left_out() -> None:
     assert below_limits(of, [log], [log.tau], signals([log], [log.tau])).all()
 
 
+@pytest.mark.slow
 def test_a_drive_at_its_limit_is_not_taken_for_exchanged_columns() -> None:
     """A joint that its drive cannot lift: without the commands its recording looks like one with exchanged columns."""
     arm = load_arm("servo6")

@@ -152,6 +152,7 @@ def test_work_that_was_done_is_not_done_again(
     assert np.array_equal(first.solution.theta, identified(ur5e, logs).solution.theta)
 
 
+@pytest.mark.slow
 def test_pieces_cover_a_log_once(ur5e: Arm, logs: list[Log], monkeypatch: pytest.MonkeyPatch) -> None:
     log = joined(logs)
     assert len(Pieces(log)) == 1

@@ -59,6 +59,7 @@ def test_an_effect_says_what_it_is_measured_by(more: dict[str, object], said: st
     assert unsaid not in text
 
 
+@pytest.mark.slow
 def test_the_residual_of_an_effect_is_that_of_both_arms_at_its_joint(tmp_path: Path) -> None:
     """The share of the fit that one effect explains is 100 % whenever it is the only one, so no screen and no page shows it."""
     data, evidence = examples.diagnosis()
@@ -238,6 +239,7 @@ def test_without_arrays_the_page_still_works(tmp_path: Path, visit: Callable[...
     assert "time runs backwards" in seen.page.inner_text("h1")
 
 
+@pytest.mark.slow
 def test_a_log_that_was_fitted_is_not_called_held_out(tmp_path: Path) -> None:
     data, arrays = examples.diagnosis()
     assert "held-out log validation.mcap" in diagnosis.write(tmp_path / "a.html", data, arrays).read_text()

@@ -144,7 +144,7 @@ def test_broken_readings_of_a_standing_arm_hide_no_motion(servo6: Arm, calm: lis
     assert watcher.picture().sentence == "no claim: no reading could be used"
 
 
-@pytest.mark.parametrize("stated", [50.0, 80.0, 400.0, 800.0])
+@pytest.mark.parametrize("stated", [50.0, *(pytest.param(rate, marks=pytest.mark.slow) for rate in (80.0, 400.0)), 800.0])
 def test_a_rate_that_is_stated_wrongly_is_named_and_no_wrong_arm(servo6: Arm, calm: list[JointState], stated: float) -> None:
     watcher, right = Watcher(servo6, stated), Watcher(servo6, 200.0)
     watched(right, calm)

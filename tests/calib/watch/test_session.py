@@ -40,6 +40,7 @@ def test_a_reading_without_an_instant_is_an_event_and_not_the_end(
 MADE = datetime(2026, 1, 1, 8, tzinfo=UTC)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("recorded", [MADE, None])
 def test_what_a_watch_wrote_is_the_same_run_when_it_is_watched(
     tmp_path: Path, servo6: Arm, calm: list[JointState], recorded: datetime | None

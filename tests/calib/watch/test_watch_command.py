@@ -91,6 +91,7 @@ def test_json_lines_are_for_other_programs(
     assert lines[-1]["schema"] == "watch/1"
 
 
+@pytest.mark.slow
 def test_a_watch_whose_reader_has_gone_ends_at_the_next_event(watched: tuple[Path, Path, int], tmp_path: Path) -> None:
     read, write = os.pipe()
     os.close(read)

@@ -64,6 +64,7 @@ def test_standing_still_claims_nothing_and_says_why(servo6: Arm, loaded: Arm) ->
     assert "no claim without motion" in picture.sentence
 
 
+@pytest.mark.slow
 def test_a_load_taken_up_at_rest_is_reported_once_the_arm_moves(servo6: Arm, loaded: Arm) -> None:
     motion = work(servo6, 26.0, seed=3, pause=1.0)
     speed = np.abs(motion[1]).max(axis=1)
@@ -146,6 +147,7 @@ def as_calibrated(arm: Arm) -> Arm:
     return replace(arm, effects=effects)
 
 
+@pytest.mark.slow
 def test_a_torque_that_one_joint_holds_all_the_time_is_no_load(servo6: Arm) -> None:
     """Another arm's links: their weight resembles a load except at one wrist that hardly turns against it."""
     other = with_effect(servo6, ArmEffect("payload", None, LOAD))
@@ -155,6 +157,7 @@ def test_a_torque_that_one_joint_holds_all_the_time_is_no_load(servo6: Arm) -> N
     assert re.search(r"stay unexplained at wrist_1_joint, \d+% of its dry friction; another arm", events[0].message)
 
 
+@pytest.mark.slow
 def test_an_arm_that_states_no_dry_friction_is_told_of_none(servo6: Arm) -> None:
     bare = replace(servo6, effects=tuple(e for e in servo6.effects if e.effect != "coulomb_friction"))
     truth = with_effect(servo6, ArmEffect("torque_offset", "wrist_1_joint", {"offset": -3.0}))
