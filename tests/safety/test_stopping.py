@@ -41,9 +41,10 @@ def test_every_stop_keeps_every_limit_and_ends_at_rest(arm: Arm, cleared: Cleare
     assert "along the path" in kinds
 
 
-def test_there_is_a_stop_from_every_fourth_sample(arm: Arm, cleared: ClearedTrajectory) -> None:
+@pytest.mark.parametrize("step", [4, pytest.param(1, marks=pytest.mark.slow)])
+def test_there_is_a_stop_from_every_sample(arm: Arm, cleared: ClearedTrajectory, step: int) -> None:
     """Stops end anywhere between two periods; a last step shorter than a rounding error once raised an error."""
-    for k in range(0, len(cleared), 4):
+    for k in range(0, len(cleared), step):
         stop = stop_from(cleared, k, arm)
         assert not stop.dq[-1].any()
         assert len(stop.q) < 2 or np.max(np.abs(stop.dq[-2])) < 0.01

@@ -66,7 +66,6 @@ def test_a_candidate_that_chance_feeds_hides_no_other() -> None:
     assert null.rate(other, 25.0) <= MOST_FALSE < null.rate(fed, 60.0)
 
 
-@pytest.mark.slow
 def test_a_name_states_the_rate_of_false_names(ur10e: Arm) -> None:
     def springy(motion, tau):  # type: ignore[no-untyped-def]
         out = np.zeros_like(tau)

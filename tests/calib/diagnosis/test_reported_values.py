@@ -21,7 +21,6 @@ from tests.calib.diagnosis.conftest import at, recording
 SPRING = at(2, lambda q, dq: 12.0 * (q - 0.4))
 
 
-@pytest.mark.slow
 def test_what_the_arm_folder_holds_is_reported_beside_what_was_fitted(ur10e: Arm, tmp_path: Path) -> None:
     found = diagnose(ur10e, [recording(ur10e, seed, SPRING) for seed in (1, 2)], [recording(ur10e, 3, SPRING)])
     found.write(tmp_path, ur10e)

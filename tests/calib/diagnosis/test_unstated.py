@@ -28,7 +28,6 @@ def bare(ur10e: Arm) -> Arm:
     return replace(ur10e, effects=tuple(e for e in ur10e.effects if e.effect not in OWN), prior=prior)
 
 
-@pytest.mark.slow
 def test_a_spring_is_named_alone_beside_friction_that_nobody_stated(ur10e: Arm, bare: Arm) -> None:
     logs = [recording(bare, seed, SPRING, truth=ur10e, seconds=14.0) for seed in (1, 2)]
     found = diagnose(bare, logs, [recording(bare, 3, SPRING, truth=ur10e, seconds=14.0)])

@@ -110,7 +110,6 @@ def test_a_clock_that_was_set_loses_no_samples() -> None:
     assert details[0].split(",")[0] == details[1].split(",")[0]
 
 
-@pytest.mark.slow
 def test_what_an_import_assumed_is_assumed_by_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     of, log = base("servo6 2")
