@@ -20,7 +20,8 @@ for name in ONE_THREAD:
     os.environ.setdefault(name, "1")
 
 
-# with two processes, these could otherwise start last, and one process would wait for the other
+# with two processes, these could otherwise start last, and one process would wait for the other;
+# or both would compile the kernels of `calib watch`, which test_filter.py does for all
 LONG = (
     "can_servo/test_monitor_process.py",
     "can_servo/test_recorded.py",
@@ -30,6 +31,7 @@ LONG = (
     "tests/test_outside_packages.py",
     "tests/test_installed_wheel.py",
     "tests/test_style.py",
+    "watch/test_filter.py",
 )
 
 STATM = Path("/proc/self/statm")
@@ -52,8 +54,9 @@ def pytest_collection_finish() -> None:
 def freed() -> Iterator[None]:
     """Return the memory released by a file's tests to the system. The C library would keep it, and more with every file."""
     yield
-    _set_aside()
-    _give_back()
+    if _resident() > _least + MUCH:  # a collection of all that lives takes a tenth of a second, and there are 400 files
+        _set_aside()
+        _give_back()
 
 
 @pytest.fixture(autouse=True)

@@ -3,16 +3,22 @@
 from __future__ import annotations
 
 import ast
+from functools import cache
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
+
+
+@cache
+def parsed(file: Path) -> ast.Module:
+    return ast.parse(file.read_text())
 
 
 def calls(package: str, name: str) -> set[str]:
     """Files of a package that use `name` as an attribute, as a variable or as a string."""
     found = set()
     for file in sorted((ROOT / package).rglob("*.py")):
-        for node in ast.walk(ast.parse(file.read_text())):
+        for node in ast.walk(parsed(file)):
             called = isinstance(node, ast.Attribute) and node.attr == name
             named = isinstance(node, ast.Name) and node.id == name and isinstance(node.ctx, ast.Load)
             spelled = isinstance(node, ast.Constant) and node.value == name
@@ -45,7 +51,7 @@ def test_nobody_reaches_for_methods_by_computed_names_where_motion_is_commanded(
         "watching",
         "second_look",
     ):
-        tree = ast.parse((ROOT / "safety" / f"{name}.py").read_text())
+        tree = parsed(ROOT / "safety" / f"{name}.py")
         names = {node.func.id for node in ast.walk(tree) if isinstance(node, ast.Call) and isinstance(node.func, ast.Name)}
         assert not names & {"getattr", "eval", "exec", "__import__"}
 

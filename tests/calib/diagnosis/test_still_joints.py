@@ -38,7 +38,7 @@ def of_moving(seed: int, stands: int | None) -> Log:
     return recorded(arm, replace(moved, q=q, dq=moves * moved.dq, ddq=moves * moved.ddq), seed, memory=0.0)
 
 
-@pytest.mark.parametrize("healthy", [None, 5])
+@pytest.mark.parametrize("healthy", [None, pytest.param(5, marks=pytest.mark.slow)])
 def test_a_joint_that_stands_in_the_new_recording_has_not_changed(healthy: int | None) -> None:
     arm = load_arm("servo6")
     answer = diagnose_changes(arm, [of_moving(9, 5)], [], [of_moving(seed, healthy) for seed in (1, 2, 3)]).answer

@@ -35,7 +35,7 @@ def test_an_answer_whose_reader_has_gone_ends_as_a_shell_expects(words: list[str
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize("both", [False, True])
+@pytest.mark.parametrize("both", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_a_run_whose_reader_has_gone_ends_with_what_it_found(tmp_path: Path, both: bool) -> None:
     done = without_reader("export", "ur10e", "--out", "run", folder=tmp_path, both=both)
     assert done.returncode == 141

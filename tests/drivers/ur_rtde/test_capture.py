@@ -23,7 +23,7 @@ from sim.errors import BadLog
 from tests.drivers.ur_rtde.conftest import wait_for
 
 
-@pytest.mark.parametrize("polyscope", ["5.25.1", "3.15.4", "10.14.0"])
+@pytest.mark.parametrize("polyscope", ["10.14.0", *(pytest.param(v, marks=pytest.mark.slow) for v in ("5.25.1", "3.15.4"))])
 def test_a_session_is_captured_and_played_back(
     cell: Callable[..., Cell], arm: Arm, tmp_path: Path, polyscope: str, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -134,8 +134,8 @@ def test_what_happens_at_the_robot_is_named_and_never_undone(pair: Pair, fault: 
         ("close", "closed|broke|not taken"),
         ("refuse", "closed|broke|not taken"),
         ("drop", "no new reading|after the one before"),
-        ("delay", "no new reading|ms old"),
-        ("freeze", "stands still|no new reading"),
+        pytest.param("delay", "no new reading|ms old", marks=pytest.mark.slow),
+        pytest.param("freeze", "stands still|no new reading", marks=pytest.mark.slow),
         ("reorder", "went back"),
     ],
 )
