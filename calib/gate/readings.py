@@ -12,11 +12,12 @@ from calib.gate.correction import Correction
 from calib.gate.fit import moving
 from calib.gate.signals import Signals
 from logs.column_map import DRIVE
-from logs.log import Log
+from logs.log import COMMANDED, MEASURED, Log
 from logs.words import finding, wrapped
 from sim.arm import Arm
 
 MOST = 1e9
+DAMAGED = "the file is damaged: record it again, or leave out those samples"
 FROZEN = 0.5  # s with every reading of a joint equal to the last bit while others move
 OVER_RANGE, OVER_SPEED, OVER_LOAD = 0.2, 2.5, 3.0  # rad beyond the limits; times dq_max; times tau_max
 USUAL, BETWEEN, OVER_OFFSET = 0.8, 0.2, 1.5  # share of samples within a joint's own limit; of those beyond; times tau_max
@@ -61,18 +62,17 @@ def values(log: Log) -> GateCheck:
     """Values are possible for some arm in some unit: finite instants, nothing infinite, nothing beyond 1e9."""
     name = name_of(log)
     if not np.isfinite(log.t).all():
-        return GateCheck(
-            "values",
-            False,
-            f"{name}: {int((~np.isfinite(log.t)).sum())} samples without a time",
-            (Cause("the file is damaged"),),
-        )
-    for channel in ("q", "dq", "tau", "current"):
-        x = getattr(log, channel)
-        if np.any(np.abs(x) > MOST):
-            return GateCheck(
-                "values", False, f"{name}: {channel} reaches {np.nanmax(np.abs(x)):.3g}", (Cause("the file is damaged"),)
+        detail = f"{name}: {int((~np.isfinite(log.t)).sum())} samples without a time"
+        return GateCheck("values", False, detail, (Cause("the file is damaged"),), final=True)
+    for channel in (*MEASURED, *COMMANDED):
+        x = np.abs(getattr(log, channel))
+        if np.any(x > MOST):
+            k, j = np.argwhere(x > MOST)[0]
+            detail = (
+                f"{name}: {channel} of {log.joint_names[j]} reaches {x[k, j]:.3g} at {log.t[k]:.3f} s, "
+                f"and {int((x > MOST).any(axis=1).sum())} of {len(log)} samples have a value beyond {MOST:g}"
             )
+            return GateCheck("values", False, detail, (Cause(DAMAGED),), final=True)
     return GateCheck("values", True, f"{name}: all values are of a possible size")
 
 
