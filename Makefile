@@ -117,7 +117,6 @@ test-arms: test-arms-new test-arms-steps  ## `calib arm new` on two published ar
 test-arms-new: $(VENV)/arms
 	$(BIN)/python -m benchmarks.arms --new $(EACH)
 
-# mostly waits for the mock, which moves in real time
 test-arms-steps: $(VENV)/arms
 	$(BIN)/python -m benchmarks.arms double_pendulum
 

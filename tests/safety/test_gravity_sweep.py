@@ -52,7 +52,6 @@ def tried(truth: Arm, arm: Arm, cell: Cell, drive: Arm | None = None) -> dict[st
     return {check.name: check for check in checks}
 
 
-@pytest.mark.slow
 def test_the_arm_of_the_cell_passes_with_any_friction(ur10e: Arm, mock_cell: Cell) -> None:
     truth = ur10e
     for joint, coulomb in zip(ur10e.joint_names, (30.0, 9.0, 18.0, 1.0, 5.0, 1.0), strict=True):

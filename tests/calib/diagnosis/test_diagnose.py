@@ -72,7 +72,6 @@ def loaded(arm: Arm, mass: float, com: np.ndarray) -> Arm:
     return replace(arm, tree=replace(tree, mass=whole, com=centre))
 
 
-@pytest.mark.slow
 def test_a_payload_is_named_with_its_mass_and_the_corrected_arm_carries_it(ur10e: Arm, tmp_path: Path) -> None:
     mass = 2.0
     found = asked(ur10e, truth=loaded(ur10e, mass, np.array([0.0, 0.02, 0.1])))

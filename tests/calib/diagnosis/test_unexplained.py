@@ -61,8 +61,7 @@ def test_an_oscillation_in_time_alone_is_reported_with_its_frequency(ur10e: Arm,
     assert variable(depends) == f"a constant oscillation of {value}"
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(("frequency", "inertia"), [(0.8, 4.0), (0.55, 2.0)])
+@pytest.mark.parametrize(("frequency", "inertia"), [(0.8, 4.0), pytest.param(0.55, 2.0, marks=pytest.mark.slow)])
 def test_a_mass_that_swings_behind_a_joint_is_reported_as_a_resonance(ur10e: Arm, frequency: float, inertia: float) -> None:
     def slosh(motion: Trajectory, tau: np.ndarray) -> np.ndarray:
         out, w, dt = np.zeros_like(tau), 2 * np.pi * frequency, motion.t[1] - motion.t[0]

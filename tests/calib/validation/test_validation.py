@@ -32,7 +32,6 @@ def test_the_right_arm_leaves_the_noise(ur5e: Arm) -> None:
     assert np.all(check.short.angle < 0.12 * check.short.travel)
 
 
-@pytest.mark.slow
 def test_a_joint_that_sticks_at_its_reversals_is_compared_while_it_slides() -> None:
     arm = load_arm("ur10e")
     moved = fourier_motion(arm, 2, seconds=10.0)

@@ -155,7 +155,6 @@ def test_the_trend_has_both_recordings_of_one_name_at_the_time_of_each(
     assert {r.dated for r in found} == {"recorded"}
 
 
-@pytest.mark.slow
 def test_a_recording_without_a_date_is_dated_by_its_watching_and_says_so(
     tmp_path: Path, servo6: Arm, shift: tuple[list[JointState], float, float], capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -134,7 +134,7 @@ def test_what_happens_at_the_robot_is_named_and_never_undone(pair: Pair, fault: 
         ("close", "closed|broke|not taken"),
         ("refuse", "closed|broke|not taken"),
         ("drop", "no new reading|after the one before"),
-        pytest.param("delay", "no new reading|ms old", marks=pytest.mark.slow),
+        ("delay", "no new reading|ms old"),
         pytest.param("freeze", "stands still|no new reading", marks=pytest.mark.slow),
         ("reorder", "went back"),
     ],
