@@ -11,7 +11,8 @@ from drivers.ur_rtde.receiver import Frame, Receiver
 from sim.errors import DeviceError
 from sim.joint_state import Status
 
-PERIODS = 3.0
+PERIODS = 3.0  # age, in periods, beyond which a reading at rest is skipped once commands are sent: a motion must start from a new one
+PAUSE = 0.03  # the same in s before the first command: a short pause of this computer is no loss of samples
 LISTEN_PATIENCE = 1.0  # s that a reading may wait when only listening: each one counts, none controls anything
 REASON_TIME = 0.3  # s of frames searched for the controller's own reason when the command process fails
 
@@ -24,10 +25,11 @@ class FramesInOrder:
         self._again: deque[Frame] = deque()
         self.last: Frame | None = None
         self.reason: str | None = None
-        self.moving = self.listening = False
+        self.moving = self.listening = self._commanded = False
 
     def set_moving(self, moving: bool) -> None:
-        """State whether the arm moves from now on. A gap before the start of a motion does not count."""
+        """State whether the arm moves from now on, by commands. A gap before the start of a motion does not count."""
+        self._commanded = True
         if moving and not self.moving:
             self.last = None
         self.moving = moving
@@ -37,6 +39,7 @@ class FramesInOrder:
         if self._again:
             return self._again.popleft()
         host, longest = self._options.host, self._options.frame_timeout
+        skipped = PERIODS / self._receiver.rate if self._commanded else PAUSE
         deadline = time.monotonic() + longest
         while True:
             frame = self._receiver.next(deadline)
@@ -49,7 +52,7 @@ class FramesInOrder:
             if self.listening and waited <= LISTEN_PATIENCE:
                 self.last = frame
                 return frame
-            if not self.moving and waited > PERIODS / self._receiver.rate and self._receiver.waiting:
+            if not self.moving and waited > skipped and self._receiver.waiting:
                 continue
             gap = 0.0 if self.last is None else frame.t_device - self.last.t_device
             self.last = frame
