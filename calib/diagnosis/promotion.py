@@ -43,7 +43,7 @@ INSTEAD = 0.9  # of the power that a law removes; one effect that removes as muc
 class Refusal:
     """An effect that was fitted and is left out: the joint that decided, and its RMS N m without the effect and with it.
 
-    An empty joint means that simulated motion decided: RMS m of the flange.
+    An empty joint means that simulated motion decided: RMS m of the flange, or rad of the angle if angle is set.
     on: which recordings; instead: the arm without the effect.
     by_law: it predicts better than the arm as it was, but worse than a friction law, which is written in its place.
     sliding: the error is larger only where the joint slides, and that error is given.
@@ -57,6 +57,7 @@ class Refusal:
     instead: str
     by_law: bool = False
     sliding: bool = False
+    angle: bool = False
 
     @property
     def text(self) -> str:
@@ -64,7 +65,7 @@ class Refusal:
         what, unit = (
             (f"torque error of {self.joint}{' while it slides' if self.sliding else ''}", "N m")
             if self.joint
-            else ("error of the flange in simulated motion", "m")
+            else (f"error of the {'angle' if self.angle else 'flange'} in simulated motion", "rad" if self.angle else "m")
         )
         left_out = (
             f"{self.effect.title} is written into the corrected arm as a friction law: on {self.on} the {what} is "
@@ -146,8 +147,8 @@ def promoted(
                 k = seen[0]
                 harmful = harmful_effects(own, f, ways[k], worse[k], [bare if x else plain for x in than_bare[k]], on)
             if fit_for and len(harmful) in (0, len(own)):
-                without, with_it = motion.worst(fit_for[0].change)
-                refused += [Refusal(e, "", without, with_it, on, AS_IT_WAS) for e in own]
+                a, b = motion.worst(fit_for[0].change)
+                refused += [Refusal(e, "", a.compared, b.compared, on, AS_IT_WAS, angle=a.on_axis) for e in own]
                 break
         refused += harmful
         gone = [r.effect for r in harmful]

@@ -15,7 +15,7 @@ from calib.validation.forward import HORIZONS, ForwardError, forward_error
 from sim.arm import Arm
 from sim.errors import ConfigError
 
-FARTHER = 0.05  # share by which the simulated flange may be farther from the recorded one
+FARTHER = 0.05  # share by which the simulated flange (or angle, of a bench drive) may be farther from the recorded one
 ENOUGH = 4  # windows, or parts of one
 FEW = tuple(replace(h, windows=w) for h, w in zip(HORIZONS, (12, 5, 1), strict=True))
 
@@ -43,14 +43,13 @@ class SimulatedMotion:
         return tuple((a, b) for a, b in zip(before, self._known[id(change)][1], strict=True) if a.starts)
 
     def rises(self, change: ArmChange) -> bool:
-        """Whether over any horizon the flange is farther off, by more than FARTHER and significantly over the windows."""
+        """Whether over any horizon the motion is farther off, by more than FARTHER and significantly over the windows."""
         return any(_farther(a, b) for a, b in self.errors(change))
 
-    def worst(self, change: ArmChange) -> tuple[float, float]:
-        """Flange error m before and after, over the horizon at which it grows most."""
-        stable = [pair for pair in self.errors(change) if 0.0 < pair[0].flange < np.inf]
-        a, b = max(stable, key=lambda pair: pair[1].flange / max(pair[0].flange, 1e-12))
-        return a.flange, b.flange
+    def worst(self, change: ArmChange) -> tuple[ForwardError, ForwardError]:
+        """The error before and after, over the horizon at which it grows most."""
+        stable = [pair for pair in self.errors(change) if 0.0 < pair[0].compared < np.inf]
+        return max(stable, key=lambda pair: pair[1].compared / pair[0].compared)
 
     def _of(self, change: ArmChange, m: Measurement) -> tuple[ForwardError, ...]:
         try:
@@ -65,9 +64,9 @@ def _errors(arm: Arm, m: Measurement, start: Arm) -> tuple[ForwardError, ...]:
 
 
 def _farther(a: ForwardError, b: ForwardError) -> bool:
-    if not 0.0 < a.flange < np.inf:
-        return False  # unstable already, or a bench drive whose flange lies on its axis
-    if not np.isfinite(b.flange):
+    if not 0.0 < a.compared < np.inf:
+        return False  # unstable already
+    if not np.isfinite(b.compared):
         return True
     if len(a.squares) < ENOUGH:
         return False

@@ -25,6 +25,7 @@ LOOP = 2 * np.pi * 1.0  # rad/s, natural frequency of the closed loop
 DAMPING = 0.7
 MEMORY = 1.0  # s
 PARTS = 5
+ON_AXIS = 1e-6  # m/rad, below which a joint does not move the flange
 MOST_UNSEEN = 0.01  # share of a window: lost time that the stamps do not show
 
 
@@ -57,7 +58,7 @@ class ForwardError:
     The errors are infinite if the simulation is unstable, as with friction that drives a light joint.
 
     starts: first sample of each window; squares: mean squared flange error, m^2, of each window, in closed loop of each of its
-    PARTS parts.
+    PARTS parts. on_axis: the flange lies on the arm's axes, as with a bench drive; then squares are those of the angles, rad^2.
     """
 
     horizon: Horizon
@@ -66,6 +67,12 @@ class ForwardError:
     travel: np.ndarray
     starts: tuple[int, ...]
     squares: np.ndarray
+    on_axis: bool = False
+
+    @property
+    def compared(self) -> float:
+        """RMS by which two arms are compared: flange error m, or angle error rad if the flange lies on the axes; NaN without windows."""
+        return float(np.sqrt(self.squares.mean())) if len(self.squares) else float("nan")
 
     def entry(self) -> dict[str, Any]:
         """Entry of validation.json."""
@@ -113,9 +120,11 @@ def forward_error(arm: Arm, m: Measurement, horizon: Horizon = SHORT, loop: Arm 
     error = np.array(errors)
     linear, _ = bodies.jacobian(tr.q[at])
     moved = np.einsum("kcj,kj->kc", linear, error)
-    parts = np.array_split(np.sum(moved**2, axis=1), len(starts) * (PARTS if horizon.closed else 1))
+    on_axis = bool(np.all(np.abs(linear) < ON_AXIS))
+    parts = np.array_split(np.sum((error if on_axis else moved) ** 2, axis=1), len(starts) * (PARTS if horizon.closed else 1))
     squares = np.array([part.mean() for part in parts])
-    return ForwardError(horizon, _rms(error), float(np.sqrt(squares.mean())), _rms(travel), tuple(starts), squares)
+    flange = 0.0 if on_axis else float(np.sqrt(squares.mean()))
+    return ForwardError(horizon, _rms(error), flange, _rms(travel), tuple(starts), squares, on_axis)
 
 
 def measured_torque(arm: Arm, m: Measurement) -> np.ndarray:

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 from typing import cast
 
+import numpy as np
 import pytest
 
 from calib.diagnosis import promotion as promotion_of
@@ -13,11 +15,13 @@ from calib.diagnosis.corrected import ArmChange
 from calib.diagnosis.fit import fit
 from calib.diagnosis.hypothesis import Hypothesis
 from calib.diagnosis.motion import measured, warmed
-from calib.diagnosis.promotion import promoted
+from calib.diagnosis.promotion import AS_IT_WAS, Refusal, promoted
 from calib.diagnosis.selection import started
 from calib.diagnosis.simulated_motion import SimulatedMotion
 from calib.measurement.preprocessing import prepare
+from logs.log import Log
 from sim.arm import Arm, ArmEffect
+from sim.new_arm import drive_arm
 from tests.calib.diagnosis.conftest import at, recording
 
 HIDDEN = at(2, lambda q, dq: 12.0 * (q - 0.4))
@@ -71,3 +75,26 @@ def test_masses_that_no_body_has_move_it_farther_away(ur10e: Arm) -> None:
     motion = SimulatedMotion(ur10e, [prepare(recording(ur10e, 1), ur10e)])
     assert motion.rises(cast(ArmChange, SimpleNamespace(of=lambda arm: impossible)))
     assert not motion.rises(cast(ArmChange, SimpleNamespace(of=lambda arm: arm)))
+
+
+def test_friction_that_moves_a_bench_drive_farther_away_is_refused(tmp_path: Path) -> None:
+    """The flange of a bench drive lies on its axis and never moves, so the angle is compared."""
+    inertia = ArmEffect("rotor_inertia", "joint1", {"inertia": 0.03})
+    drive = ArmChange({}, (inertia, ArmEffect("coulomb_friction", "joint1", {"coulomb": 0.5}))).of(
+        drive_arm("bench", "joint1", None, False, tmp_path)
+    )
+    t = np.arange(0.0, 20.0, 0.004)
+    w, size = 2 * np.pi * np.array([0.31, 0.73, 1.1]), np.array([1.2, 0.5, 0.3])
+    q, dq, ddq = np.sin(np.outer(t, w)) @ size, (np.cos(np.outer(t, w)) * w) @ size, -(np.sin(np.outer(t, w)) * w**2) @ size
+    tau, nan = 0.03 * ddq + 0.5 * np.tanh(dq / 0.01), np.full((len(t), 1), np.nan)
+    log = Log(drive.joint_names, t, t, q[:, None], dq[:, None], tau[:, None], nan, nan, nan, nan, nan)
+    motion = SimulatedMotion(drive, [prepare(log, drive)])
+    worse = ArmChange({}, (ArmEffect("coulomb_friction", "joint1", {"coulomb": 0.6}),))
+    assert motion.rises(worse)
+    before, after = motion.worst(worse)
+    assert before.on_axis
+    assert before.flange == 0.0
+    assert after.compared > 2 * before.compared
+    refusal = Refusal(worse.effects[0], "", before.compared, after.compared, "the recordings", AS_IT_WAS, angle=after.on_axis)
+    assert f"error of the angle in simulated motion is {after.compared:.4g} rad with it" in refusal.text
+    assert not motion.rises(ArmChange({}, (ArmEffect("coulomb_friction", "joint1", {"coulomb": 0.5}),)))
