@@ -11,8 +11,8 @@ from drivers.ur_rtde.receiver import Frame, Receiver
 from sim.errors import DeviceError
 from sim.joint_state import Status
 
-PERIODS = 3.0  # age, in periods, beyond which a reading at rest is skipped once commands are sent: a motion must start from a new one
-PAUSE = 0.03  # the same in s before the first command: a short pause of this computer is no loss of samples
+PERIODS = 3.0  # age, in periods, beyond which a reading at rest is skipped: a motion must start from a new one
+PAUSE = 0.03  # s; before the first command, readings are skipped only after a longer pause of this computer
 LISTEN_PATIENCE = 1.0  # s that a reading may wait when only listening: each one counts, none controls anything
 REASON_TIME = 0.3  # s of frames searched for the controller's own reason when the command process fails
 
@@ -39,7 +39,8 @@ class FramesInOrder:
         if self._again:
             return self._again.popleft()
         host, longest = self._options.host, self._options.frame_timeout
-        skipped = PERIODS / self._receiver.rate if self._commanded else PAUSE
+        new = PERIODS / self._receiver.rate
+        oldest = new if self._commanded else PAUSE
         deadline = time.monotonic() + longest
         while True:
             frame = self._receiver.next(deadline)
@@ -52,7 +53,8 @@ class FramesInOrder:
             if self.listening and waited <= LISTEN_PATIENCE:
                 self.last = frame
                 return frame
-            if not self.moving and waited > skipped and self._receiver.waiting:
+            if not self.moving and waited > oldest and self._receiver.waiting:
+                oldest = new
                 continue
             gap = 0.0 if self.last is None else frame.t_device - self.last.t_device
             self.last = frame

@@ -55,7 +55,7 @@ def test_a_short_pause_before_the_first_command_loses_no_reading() -> None:
 
 def test_a_long_pause_before_the_first_command_starts_again_from_new_readings() -> None:
     stamps, count = stamps_after(0.5)
-    assert 0 < len(stamps) < count / 2
+    assert 0 < len(stamps) <= 4  # 3 periods
     assert stamps[-1] == pytest.approx(100.0 + (count - 1) / 500.0)
 
 
