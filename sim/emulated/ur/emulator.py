@@ -55,7 +55,7 @@ class UrEmulator:
         robot.host = host
         self._ending = threading.Event()
         self._thread = threading.Thread(target=self._serve, name=f"emulated UR {host}", daemon=True)
-        self._cycle = 0
+        self._cycle, self._due = 0, 0.0  # number of the next cycle, and when it is due, s of the monotonic clock
 
     def start(self) -> None:
         for port in self.ports:
@@ -130,9 +130,9 @@ class UrEmulator:
 
     def _serve(self) -> None:
         answer_promptly()
-        due = time.monotonic()
+        self._due = time.monotonic()
         while not self._ending.is_set():
-            wait = max(0.0, due - time.monotonic())
+            wait = max(0.0, self._due - time.monotonic())
             if self.robot.unplugged:
                 time.sleep(wait)
             else:
@@ -140,11 +140,11 @@ class UrEmulator:
             while self._todo:
                 self._todo.popleft()()
             now = time.monotonic()
-            if now - due > BEHIND_MAX:
-                due = now
-            if now >= due:
+            if now - self._due > BEHIND_MAX:
+                self._due = now
+            if now >= self._due:
                 self._control_cycle()
-                due += self.robot.dt
+                self._due += self.robot.dt
 
     def _exchange(self, wait: float) -> None:
         if not self._listeners and not self._clients:
@@ -180,6 +180,7 @@ class UrEmulator:
         if not data:
             self._drop(client)
         elif client.session is not None:
+            self.robot.behind = max(0.0, time.monotonic() - self._due)
             try:
                 replies = client.session.received(data)
             except Malformed as error:

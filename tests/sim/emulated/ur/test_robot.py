@@ -65,6 +65,21 @@ def test_without_a_watchdog_the_last_target_stays_with_one_the_program_ends(robo
     assert "watchdog" in robot.notes[-1]
 
 
+def test_after_a_pause_of_the_computer_the_watchdog_counts_from_when_the_input_arrived(robot: Robot) -> None:
+    """The inputs of a pause are read together before its steps are made up for: the client was not silent."""
+    start(robot)
+    command(robot, WATCHDOG, 10.0)
+    run(robot, 0.02)
+    robot.behind = 0.3
+    command(robot, 0)
+    run(robot, 0.3)
+    assert robot.runtime_state == PLAYING
+    robot.behind = 0.0
+    run(robot, 0.2)
+    assert robot.runtime_state == STOPPED
+    assert "watchdog" in robot.notes[-1]
+
+
 def test_a_protective_stop_pauses_and_is_unlocked_after_five_seconds_only(robot: Robot) -> None:
     start(robot)
     command(robot, MOVE_J, *[x + 1.0 for x in robot.actual_q], 1.0, 2.0)
