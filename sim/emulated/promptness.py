@@ -7,7 +7,7 @@ import gc
 import os
 import threading
 
-PRIORITY = 30  # of the real-time scheduler, if permitted
+PRIORITY = 80  # of the real-time scheduler, if permitted: above the programs that drive it, as a device has its own processor
 
 
 def answer_promptly() -> None:
