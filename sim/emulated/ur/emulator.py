@@ -180,7 +180,8 @@ class UrEmulator:
         if not data:
             self._drop(client)
         elif client.session is not None:
-            self.robot.behind = max(0.0, time.monotonic() - self._due)
+            behind = time.monotonic() - self._due
+            self.robot.behind = behind if 0.0 < behind <= BEHIND_MAX else 0.0
             try:
                 replies = client.session.received(data)
             except Malformed as error:

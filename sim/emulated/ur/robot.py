@@ -58,7 +58,7 @@ class Robot:
         self.rate = 125.0 if version[0] == 3 else 500.0
         self.dt = 1.0 / self.rate
         self.time = 0.0
-        self.behind = 0.0  # s of wall time that are not stepped yet, after a pause of the computer
+        self.behind = 0.0  # s that are still to be made up for after a pause of the computer
         self.remote = True
         self.robot_mode, self.safety_mode, self.runtime_state = RUNNING, NORMAL, STOPPED
         self.speed_slider, self.idle_speed_scaling = 1.0, IDLE_SPEED_SCALING
@@ -131,7 +131,7 @@ class Robot:
         )
 
     def write_input(self, name: str, value: float) -> None:
-        """Take an input variable that arrived over RTDE, at the wall time and not at the step that is made up for."""
+        """Take an input variable that arrived over RTDE. The watchdog counts from its arrival, also while steps are made up for."""
         self._written[name] = self.time + self.behind
         if name.startswith("input_int_register_"):
             self.input_int[int(name.rsplit("_", 1)[1])] = int(value)

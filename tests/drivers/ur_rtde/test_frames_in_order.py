@@ -49,7 +49,7 @@ def stamps_after(seconds: float, commanded: bool = False, listening: bool = Fals
 
 
 def test_a_short_pause_before_the_first_command_loses_no_reading() -> None:
-    stamps, count = stamps_after(PAUSE)
+    stamps, count = stamps_after(PAUSE / 2)
     assert len(stamps) == count
 
 

@@ -25,7 +25,7 @@ from drivers.ur_rtde.receiver import OPTIONAL, REQUIRED
 from sim.arm import Arm
 from sim.cell import Cell
 from sim.emulated.ur.emulator import UrEmulator
-from sim.emulated.ur.robot import NORMAL, STOPPED, UNLOCK_AFTER
+from sim.emulated.ur.robot import NORMAL, PLAYING, STOPPED, UNLOCK_AFTER
 from sim.errors import DeviceError
 from sim.joint_state import Status
 from tests.drivers.ur_rtde.conftest import CB3, ZERO, Pair, rests, stream, wait_for
@@ -90,6 +90,16 @@ def test_a_second_driver_is_refused_and_the_first_goes_on(pair: Pair) -> None:
         with pytest.raises(DeviceError, match="is playing on the controller"):
             second.connect()
         assert stream(first, 0.1).status is Status.RUNNING
+    assert not any("watchdog" in note for note in emulator.robot.notes)
+
+
+def test_a_pause_of_the_emulated_controller_does_not_end_the_program(pair: Pair) -> None:
+    emulator, driver = pair()
+    with driver:
+        stream(driver, 0.1)
+        emulator.do(lambda: time.sleep(0.4))  # longer than the watchdog, short enough to be made up for
+        time.sleep(1.0)
+        assert emulator.robot.runtime_state == PLAYING
     assert not any("watchdog" in note for note in emulator.robot.notes)
 
 
