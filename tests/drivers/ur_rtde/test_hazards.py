@@ -93,14 +93,24 @@ def test_a_second_driver_is_refused_and_the_first_goes_on(pair: Pair) -> None:
     assert not any("watchdog" in note for note in emulator.robot.notes)
 
 
-def test_a_pause_of_the_emulated_controller_does_not_end_the_program(pair: Pair) -> None:
+def test_inputs_after_a_pause_of_the_emulated_controller_count_from_their_arrival(
+    pair: Pair, monkeypatch: pytest.MonkeyPatch
+) -> None:
     emulator, driver = pair()
+    robot, behind = emulator.robot, [0.0]
+    write = robot.write_input
+
+    def written(name: str, value: float) -> None:
+        behind.append(robot.behind)
+        write(name, value)
+
     with driver:
         stream(driver, 0.1)
+        monkeypatch.setattr(robot, "write_input", written)
         emulator.do(lambda: time.sleep(0.4))  # longer than the watchdog, short enough to be made up for
         time.sleep(1.0)
-        assert emulator.robot.runtime_state == PLAYING
-    assert not any("watchdog" in note for note in emulator.robot.notes)
+        assert robot.runtime_state == PLAYING
+    assert max(behind) == pytest.approx(0.4, abs=0.1)
 
 
 @pytest.mark.parametrize("polyscope", ["5.26.0", "5.20.1", "5.6.0"])
