@@ -79,11 +79,14 @@ class WallClock(Clock):
         self._inner.sleep_until(instant)
 
 
+PATIENCE = load_cell("emulated-ur10e").table.options["frame_timeout"]
+
+
 @pytest.mark.parametrize(
     ("name", "stop"),
     [
         ("mock-ur10e", DeviceStop()),
-        ("emulated-ur10e", DeviceStop(reaction=0.006 + 0.1)),
+        ("emulated-ur10e", DeviceStop(reaction=0.006 + PATIENCE)),
         ("emulated-servo6", DeviceStop(reaction=0.1 + PLANNED, deceleration=4.0, proportional=True)),
     ],
 )
