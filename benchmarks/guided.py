@@ -77,17 +77,22 @@ def _session(place: Path) -> list[dict[str, Any]]:
     (folder,) = (place / "runs").glob("*-go")
     session = tomllib.loads((folder / "session.toml").read_text(encoding="utf-8"))
     if not session["closed"]:
-        raise RuntimeError(f"the session did not end (exit code {done.returncode}): {done.stderr[-800:]}")
+        ended = "; ".join(f"{d['name']}: {d['sentence']}" for d in session["done"] if d["exit_code"])
+        raise RuntimeError(f"the session did not end (exit code {done.returncode}): {ended}; {done.stderr[-800:]}")
     questions = done.stderr.count("[y/N]") + done.stderr.count("to let it move: ")
     last = [d for d in session["done"] if d["name"].startswith("diagnose")][-1]
     found = json.loads((folder / last["folder"] / "diagnosis.json").read_text(encoding="utf-8"))["effects"]
     names = ", ".join(e["effect"] + (f" at {e['joint']}" if e["joint"] else "") for e in found) or "nothing"
     mass = next((e["parameters"]["mass"] for e in found if e["effect"] == "payload"), None)
     value = "not found" if mass is None else f"{mass['value']:.3f} ± {mass['std']:.3f}"
+    stopped = [
+        f"{d['name']}: {d['sentence']}" for d in session["done"] if d["name"].startswith("record") and d["exit_code"] > 0
+    ]
     steps = ", ".join(f"{d['name']} {d['seconds']:.0f}" for d in session["done"])
     return [
         {"what": "calib go on an emulated UR10e, check to a complete session", "value": round(took / 60, 1), "unit": "min", "bar": "< 6", "note": f"seconds: {steps}"},
         {"what": "of these minutes the emulated arm is driven", "value": round(sum(d["seconds"] for d in session["done"] if d["name"].startswith("record")) / 60, 1), "unit": "min"},
+        {"what": "recordings stopped and repeated", "value": len(stopped), "unit": "", "bar": "0", "note": "; ".join(stopped)},
         {"what": "processor time of the session, without the emulated controller", "value": round((used.ru_utime + used.ru_stime) / 60, 1), "unit": "min"},
         {"what": "answers that a person types in it", "value": questions, "unit": "", "bar": "<= 8"},
         {"what": "identified in it", "value": names, "bar": "payload"},

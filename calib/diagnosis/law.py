@@ -142,14 +142,17 @@ def _names(f: Fit) -> tuple[list[list[np.ndarray]], np.ndarray, np.ndarray]:
 
 
 def _part(m: LogModel, named: Sequence[np.ndarray]) -> Part:
-    """All rows in motion, reversals too, which show how friction builds up; columns of named effects after the ordinary."""
-    law, keep = FrictionLaw(), m.measurement.row_moving
-    d = [m.rows(law.terms(m.joint_state(j), 0))[keep] for j in range(m.n)]
-    x = [np.zeros((keep.sum(), len(m.names) + len(named))) for _ in range(m.n)]
-    for j, columns in enumerate(x):
+    """All rows in which a joint moves, reversals too, which show how friction builds up; columns of named effects after the ordinary.
+
+    The torque of a joint that stands for longer may be anywhere within its dry friction: it says nothing about the parameters.
+    """
+    law, moves = FrictionLaw(), m.measurement.row_joint_moving.T
+    d = [m.rows(law.terms(m.joint_state(j), 0))[keep] for j, keep in enumerate(moves)]
+    x = [np.zeros((keep.sum(), len(m.names) + len(named))) for keep in moves]
+    for j, (columns, keep) in enumerate(zip(x, moves, strict=True)):
         columns[:, nuisance_of_joint(m.n, j)] = m.nuisance(j)[keep]
         columns[:, len(m.names) :] = np.column_stack([c[keep, j] for c in named]) if named else 0.0
-    return Part(x, d, [m.residual[keep, j] for j in range(m.n)])
+    return Part(x, d, [m.residual[keep, j] for j, keep in enumerate(moves)])
 
 
 def _corrected(written: Fit, found: FrictionFit, limits: Sequence[ArmEffect], joints: Collection[int] | None) -> ArmChange:

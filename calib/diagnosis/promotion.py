@@ -4,7 +4,7 @@
   (a part of one, if there are two) must be predicted better with the effect than with free friction laws alone, or nearly as
   well without needing such a law.
 - The arm as written, with what an arm folder can hold, predicts no joint worse than the arm as it was (sim.prediction.predict).
-  Its simulated motion is no farther from the recorded one (calib.validation.forward).
+  Its simulated motion is no farther from the recorded one (calib.validation.forward); with friction laws, also than without them.
 
 Worse means significantly worse where a joint slides (calib.diagnosis.significance). On held-out recordings it also means an RMS
 error that rises by more than RISEN, over every row in motion, reversals included, and all joints of an effect.
@@ -12,7 +12,7 @@ error that rises by more than RISEN, over every row in motion, reversals include
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -117,7 +117,8 @@ def promoted(
     bare = WrittenArm.of(ArmChange({}, ()), (), start, shown)
     kept = bare if apart else None
     ways, alone = ways_of(as_written(measurements, baseline), kept, shown, limits, pieces)
-    plain = next((way for way in ways if np.all(way.rms <= (1 + risen) * bare.rms)), bare)
+    refits = [way for way in ways if np.all(way.rms <= (1 + risen) * bare.rms)]
+    plain = next(iter(refits), bare)
     good = _as_good(bare.rms, plain.rms) / np.maximum(plain.rms, 1e-12)
     motion = SimulatedMotion(start, shown)
     f = as_written(measurements, named)
@@ -133,9 +134,8 @@ def promoted(
             than_bare = [way.worse(bare, least) | way.risen(bare, risen, together) for way in ways]
             worse = [x | way.worse(plain, good, together) for x, way in zip(than_bare, ways, strict=True)]
             fit_for = [way for way, bad in zip(ways, worse, strict=True) if not bad.any()]
-            for way in fit_for:
-                if not motion.rises(way.change):
-                    return Promotion(way.change, way.laws, tuple(refused), motion.errors(way.change))
+            for way in moving_well(fit_for, motion):
+                return Promotion(way.change, way.laws, tuple(refused), motion.errors(way.change))
             if plain is not bare and motion.rises(plain.change):
                 # a refit that could not be written itself is no reference
                 plain, good = bare, np.full(start.n, 1 + WORSE_THAN_LAW)
@@ -160,12 +160,20 @@ def promoted(
         plain is not bare
         and (plain.laws or limits)
         and np.all(plain.rms <= (1 + WORSE) * bare.rms)
-        and not motion.rises(plain.change)
+        and any(way is plain for way in moving_well([plain, *refits], motion))
     ):
         before = dict(zip(start.joint_names, bare.rms, strict=True))
         refused = [replace(r, by_law=bool(apart) and has_law(r, plain, before)) for r in refused]
         return Promotion(plain.change, plain.laws, tuple(refused), motion.errors(plain.change))
     return Promotion(ArmChange({}, tuple(limits)) if limits else None, (), tuple(refused))
+
+
+def moving_well(ways: Sequence[WrittenArm], motion: SimulatedMotion) -> Iterator[WrittenArm]:
+    """Those of `ways` that move no farther from the recording than the arm as it was; with laws, also than the first without."""
+    lawless = next((way.change for way in ways if not way.laws), None)
+    for way in ways:
+        if not motion.rises(way.change) and not (way.laws and lawless is not None and motion.rises(way.change, lawless)):
+            yield way
 
 
 def _as_good(before: np.ndarray, law: np.ndarray) -> np.ndarray:

@@ -42,9 +42,13 @@ class SimulatedMotion:
             self._known[id(change)] = change, self._of(change, recording)
         return tuple((a, b) for a, b in zip(before, self._known[id(change)][1], strict=True) if a.starts)
 
-    def rises(self, change: ArmChange) -> bool:
-        """Whether over any horizon the motion is farther off, by more than FARTHER and significantly over the windows."""
-        return any(_farther(a, b) for a, b in self.errors(change))
+    def rises(self, change: ArmChange, than: ArmChange | None = None) -> bool:
+        """Whether over any horizon the motion is farther off, by more than FARTHER and significantly over the windows.
+
+        than: another change, with which it is compared; None: the arm as it was.
+        """
+        other = [a if than is None else b for a, b in self.errors(than or change)]
+        return any(_farther(a, b) for a, (_, b) in zip(other, self.errors(change), strict=True))
 
     def worst(self, change: ArmChange) -> tuple[ForwardError, ForwardError]:
         """The error before and after, over the horizon at which it grows most."""

@@ -27,26 +27,34 @@ AS_IT_WAS, REFIT, REFIT_WITH_LAWS = "the arm as it was", "a parameter refit alon
 
 @dataclass(frozen=True)
 class WrittenArm:
-    """A changed arm, its laws, and its torque errors (R, n) N m on `shown`; sliding (R, n): rows in which a joint slides."""
+    """A changed arm, its laws, and its torque errors (R, n) N m on `shown`.
+
+    moving, sliding (R, n): rows in which a joint moves, reversals included, and in which it slides.
+    """
 
     change: ArmChange
     laws: tuple[Law, ...]
     errors: np.ndarray
+    moving: np.ndarray
     sliding: np.ndarray
 
     @staticmethod
     def of(change: ArmChange, laws: tuple[Law, ...], start: Arm, shown: Sequence[Measurement]) -> WrittenArm:
-        return WrittenArm(change, laws, torque_errors(change.of(start), shown, -DELAY_MEAN), sliding_rows(start, shown))
+        moving = np.concatenate([m.row_joint_moving[m.row_moving] for m in shown])
+        return WrittenArm(change, laws, torque_errors(change.of(start), shown, -DELAY_MEAN), moving, sliding_rows(start, shown))
 
     @cached_property
     def rms(self) -> np.ndarray:
-        """(n,) N m over all rows."""
-        return np.asarray(np.sqrt(np.mean(self.errors**2, axis=0)))
+        """(n,) N m over rows in which a joint moves, over all if it never does."""
+        return self._rms(self.moving)
 
     @cached_property
     def sliding_rms(self) -> np.ndarray:
         """(n,) N m over rows in which a joint slides, over all if it never does."""
-        return np.asarray(np.sqrt(np.mean(self.errors**2, axis=0, where=self.sliding | ~self.sliding.any(axis=0))))
+        return self._rms(self.sliding)
+
+    def _rms(self, rows: np.ndarray) -> np.ndarray:
+        return np.asarray(np.sqrt(np.mean(self.errors**2, axis=0, where=rows | ~rows.any(axis=0))))
 
     @property
     def words(self) -> str:
@@ -82,7 +90,8 @@ def ways_of(
 ) -> tuple[list[WrittenArm], Refitted]:
     """A fit as an arm in several variants, the one that predicts `shown` best first, and the refit with laws.
 
-    The variants: the names alone; the names with friction and reflected inertia of their joints; everything refitted under the
+    Of variants as good as the best (WORSE, geometric mean over the joints) the one that changes least comes first. From the least
+    change to the most: the names alone; the names with friction and reflected inertia of their joints; everything refitted under the
     measured noise; everything refitted without whitening; and that with laws where they help. kept: the arm as it was, if
     recordings were held out. Two more variants then keep joints as they were at which a refit predicts these worse.
     """
@@ -107,12 +116,24 @@ def ways_of(
         as_read = _as_read(refit.change.of(start), shown) > bare
         spoilt = [j for j in range(start.n) if found.rms[j] > (1 + WORSE) * rms[j] or as_read[j]]
         if not spoilt:
+            own = sorted({*concerned, *(start.joint_index(str(law.effect.joint)) for law in refit.laws)})
+            alone = with_laws(f, split, only, limits, own)
+            ways += [WrittenArm.of(alone.change, alone.laws, start, shown)] if alone.laws else []
             ways.append(found)
             lawful = refit
             break
         have = [start.joint_index(str(x.effect.joint)) for x in refit.laws]
         only = [j for j in have if j not in spoilt] if set(have) & set(spoilt) else []
-    return sorted(ways, key=lambda way: float(np.sum(np.log(np.maximum(way.rms, 1e-12))))), lawful
+    return simplest_first(ways), lawful
+
+
+def simplest_first(ways: Sequence[WrittenArm]) -> list[WrittenArm]:
+    """From the smallest error to the largest; among equals (WORSE, geometric mean over the joints) the first of `ways`."""
+    left, out = [(float(np.mean(np.log(np.maximum(way.rms, 1e-12)))), way) for way in ways], []
+    while left:
+        most = min(size for size, _ in left) + np.log1p(WORSE)
+        out.append(left.pop(next(k for k, (size, _) in enumerate(left) if size <= most))[1])
+    return out
 
 
 def links_kept(f: Fit, way: WrittenArm, shown: Sequence[Measurement], limits: Sequence[ArmEffect], pieces: int) -> WrittenArm:

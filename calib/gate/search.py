@@ -32,6 +32,7 @@ HARDLY, ALONE_GAIN = (
 )  # residual share of a joint's readings, in the median; gain required of a shift without other evidence
 # rad, zeros by other conventions; residual share of any joint's readings from which they are tried
 ZEROS, POOR = (math.pi / 2, math.pi, -math.pi / 2), 0.15
+STANDS = 1e-3  # rad or m that a standing joint's reading moves at most
 TRIED, FINER = 17, 3  # shifts at once; how often an eighth of their range is searched again
 
 
@@ -205,7 +206,11 @@ def _candidates(arm: Arm, s: Signals, shifts: Sequence[float]) -> Iterator[GainS
         turned = _of_motion(arm, s, Correction("sign", "motion", (j,)))
         ways += [(Correction("sign", part, (j,)), at) for part in ("motion", "all")]
         pairs += [(turned, s.load), (turned, read_as(s, Correction("sign", "tau", (j,))).load)]
+    # a joint spring, say, of the one joint that moves is explained as well by another posture of those that stand
+    stands = np.ptp(s.q, axis=0) < STANDS if len(s) else np.ones(n, dtype=bool)
     for i, j in itertools.combinations(range(n), 2):
+        if stands[i] and stands[j]:
+            continue
         crossed = _of_motion(arm, s, Correction("swap", "motion", (i, j)))
         order = at.copy()
         order[[i, j]] = order[[j, i]]

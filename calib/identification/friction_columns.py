@@ -21,15 +21,16 @@ def nearest_width(width: float) -> int:
 
 
 def part_of(model: TorqueModel, m: Measurement, sigma: np.ndarray | None = None) -> Part:
-    """Rows between the first and the last motion, including reversals.
+    """Rows in which a joint moves, including reversals.
 
     sigma (n,) N m: noise of the rows; with it, rows over bridged gaps weigh less.
     """
     x, d, r = [], [], []
     for j, columns in enumerate(_columns(model, m)):
-        rows = m.rows(columns)[m.row_moving]
+        moving = m.row_joint_moving[:, j]
+        rows = m.rows(columns)[moving]
         if sigma is not None and m.doubt is not None:
-            rows = rows / np.sqrt(1 + m.row_doubt[m.row_moving, j] / sigma[j] ** 2)[:, None]
+            rows = rows / np.sqrt(1 + m.row_doubt[moving, j] / sigma[j] ** 2)[:, None]
         x.append(rows[:, : model.p])
         d.append(rows[:, model.p : -1])
         r.append(rows[:, -1])

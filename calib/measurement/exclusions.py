@@ -10,6 +10,8 @@ import numpy as np
 from logs.log import Log
 
 STANDING_SECONDS = 0.3
+# A pause between two motions is shorter (1.0 to 1.5 s in the recordings of a UR10e); a sweep of one joint holds the others for longer
+PAUSE_SECONDS = 2.0
 FLAT_SAMPLES = 3
 
 
@@ -22,9 +24,9 @@ class Exclusion:
     seconds: float
 
 
-def standing_samples(still: np.ndarray, starts: np.ndarray, rate: float) -> np.ndarray:
-    """(N, n) whether a joint stands for STANDING_SECONDS or longer: its torque may then be anywhere within its dry friction."""
-    shortest = int(STANDING_SECONDS * rate)
+def standing_samples(still: np.ndarray, starts: np.ndarray, rate: float, seconds: float = STANDING_SECONDS) -> np.ndarray:
+    """(N, n) whether a joint stands for `seconds` or longer: its torque may then be anywhere within its dry friction."""
+    shortest = int(seconds * rate)
     out = np.zeros_like(still)
     for j in range(still.shape[1]):
         edge = np.flatnonzero(np.diff(still[:, j])) + 1

@@ -15,6 +15,7 @@ import numpy as np
 
 from calib.measurement.derivatives import DerivativeFilter
 from calib.measurement.exclusions import (
+    PAUSE_SECONDS,
     Exclusion,
     clipped_samples,
     ends_of_motion,
@@ -23,6 +24,7 @@ from calib.measurement.exclusions import (
 )
 from calib.measurement.filtering import Decimator, motion_cutoff
 from calib.measurement.joint_torque import joint_torque
+from calib.measurement.log_checks import check_log
 from calib.measurement.observed import Key, Observed
 from calib.measurement.resampling import bridging_doubt, resampled
 from logs.log import Log
@@ -143,6 +145,14 @@ class Measurement:
         return out
 
     @cached_property
+    def row_joint_moving(self) -> np.ndarray:
+        """(R, n) the rows of `row_moving` without those in which the joint stands, or is clipped, for longer than a pause."""
+        unusable = np.zeros_like(self.usable)
+        unusable[self.samples_moving] = ~self.usable[self.samples_moving]
+        held = standing_samples(unusable, self.starts, self.rate, PAUSE_SECONDS)
+        return self.row_moving[:, None] & self.by_stretch(self.decimator.clean_rows, ~held)
+
+    @cached_property
     def row_doubt(self) -> np.ndarray:
         """(R, n) (N m)^2: variance that bridged gaps add to each row."""
         if self.doubt is None:
@@ -177,7 +187,7 @@ def prepare(
     or current, joints do not match, time does not increase, a position is impossible, or too little is left.
     """
     name = log.path.name if log.path else "log"
-    _check(log, arm, name)
+    check_log(log, arm, name)
     torque = joint_torque(log, arm, name)
     finite = np.isfinite(log.q).all(axis=1)
     rate = 1 / log.period
@@ -223,27 +233,3 @@ def prepare(
         name, log.joint_names, trajectory, tau, usable, inside, starts, decimator, q_noise, tuple(excluded), doubt=doubt,
         unseen=np.concatenate([[0.0], np.cumsum(unseen)])[at] if unseen.any() else None,
     )  # fmt: skip
-
-
-def _check(log: Log, arm: Arm, name: str) -> None:
-    if tuple(log.joint_names) != arm.joint_names:
-        raise BadLog(
-            f"{name}: joints {list(log.joint_names)}, {arm.name} has {list(arm.joint_names)}; read the log for this arm"
-        )
-    if len(log) < 16:
-        raise BadLog(f"{name}: {len(log)} samples, but at least 16 are needed to differentiate; record a motion")
-    step = np.diff(log.t)
-    if not np.all(step > 0):
-        k = int(np.argmin(np.where(np.isfinite(step), step, -np.inf)))
-        same = "two readings at one instant have no derivative; `calib import` leaves out the second one"
-        back = "it must increase; recover the log with `calib import`, which reports what was lost"
-        raise BadLog(
-            f"{name}: sample {k + 1}: device time goes from {log.t[k]:.6f} to {log.t[k + 1]:.6f} s; {same if step[k] == 0 else back}"
-        )
-    wild = np.isfinite(log.q) & (np.abs(log.q) > 1e3)
-    if wild.any():
-        k, j = np.argwhere(wild)[0]
-        raise BadLog(
-            f"{name}: sample {k}: position of {log.joint_names[j]} is {log.q[k, j]:.4g} rad; no joint of {arm.name} reaches 1000 rad; "
-            "the file is damaged: import it with `calib import` and use what survives"
-        )

@@ -18,7 +18,7 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
 HELPS = 0.02  # share of a joint's error on left-out parts that a law must remove
-EXCEPT = 1  # parts in which the error need not fall
+EXCEPT, MANY = 1, 4  # parts in which the error need not fall, if a joint moves in MANY or more
 ROUNDS, LEAST_PRECISION, MOST_PRECISION = 24, 1e-10, 1e8
 LONGEST_MEMORY = 60  # rows
 MOST_CORRELATED = 30.0
@@ -124,9 +124,10 @@ def _rms(problem: _Problem, squares: np.ndarray) -> np.ndarray:
 
 
 def _helps(problem: _Problem, before: np.ndarray, after: np.ndarray) -> np.ndarray:
-    """(n,) whether the error falls by more than HELPS, and falls in all parts but at most EXCEPT."""
-    clearly = _rms(problem, after) < (1 - HELPS) * _rms(problem, before)
-    return np.asarray(clearly & ((after < before).sum(axis=0) >= len(before) - EXCEPT))
+    """(n,) whether the error falls by more than HELPS, and falls in all parts in which the joint moves but EXCEPT."""
+    clearly, moves = _rms(problem, after) < (1 - HELPS) * _rms(problem, before), problem.rows > 0
+    excepted = np.where(moves.sum(axis=0) >= MANY, EXCEPT, 0)
+    return np.asarray(clearly & (((after >= before) & moves).sum(axis=0) <= excepted))
 
 
 @dataclass

@@ -169,7 +169,10 @@ def test_a_push_is_found_in_time_and_not_written_into_the_arm(ur10e: Arm, tmp_pa
     push = found.answer["effects"][0]["parameters"]
     assert push["start"]["value"] + push["duration"]["value"] / 2 == pytest.approx(7.0, abs=0.15)
     found.write(tmp_path, ur10e)
-    assert [e.effect for e in load_arm(tmp_path / "arm").effects] == [e.effect for e in ur10e.effects]
+    # a friction law, which describes reversals, may be written
+    assert [e.effect for e in load_arm(tmp_path / "arm").effects if e.effect != "friction_law"] == [
+        e.effect for e in ur10e.effects
+    ]
 
 
 def test_a_burst_while_one_joint_moves_is_no_push(ur10e: Arm) -> None:

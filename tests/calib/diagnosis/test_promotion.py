@@ -217,12 +217,13 @@ def test_neighbouring_rows_that_say_the_same_count_less() -> None:
 
 
 def _written(errors: np.ndarray, sliding: np.ndarray | None = None) -> WrittenArm:
-    return WrittenArm(ArmChange({}, ()), (), errors, np.ones(errors.shape, dtype=bool) if sliding is None else sliding)
+    always = np.ones(errors.shape, dtype=bool)
+    return WrittenArm(ArmChange({}, ()), (), errors, always, always if sliding is None else sliding)
 
 
 @pytest.mark.slow
 def test_where_every_correction_is_refused_no_arm_is_written(ur10e: Arm, tmp_path: Path) -> None:
-    found = diagnose(ur10e, [recording(ur10e, 1, SPRING), recording(ur10e, 2, SPRING)], [recording(ur10e, 3)])
+    found = diagnose(ur10e, [recording(ur10e, 4, SPRING), recording(ur10e, 5, SPRING)], [recording(ur10e, 6)])
     found.write(tmp_path, ur10e)
     answer = json.loads((tmp_path / "diagnosis.json").read_text())
     assert answer["effects"] == []

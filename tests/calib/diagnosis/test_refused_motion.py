@@ -14,10 +14,12 @@ from calib.diagnosis import promotion as promotion_of
 from calib.diagnosis.corrected import ArmChange
 from calib.diagnosis.fit import fit
 from calib.diagnosis.hypothesis import Hypothesis
+from calib.diagnosis.law import Law
 from calib.diagnosis.motion import measured, warmed
-from calib.diagnosis.promotion import AS_IT_WAS, Refusal, promoted
+from calib.diagnosis.promotion import AS_IT_WAS, Refusal, moving_well, promoted
 from calib.diagnosis.selection import started
 from calib.diagnosis.simulated_motion import SimulatedMotion
+from calib.diagnosis.written_arm import WrittenArm
 from calib.measurement.preprocessing import prepare
 from logs.log import Log
 from sim.arm import Arm, ArmEffect
@@ -38,7 +40,7 @@ def test_an_effect_that_only_a_refit_makes_bearable_is_left_out_alone(ur10e: Arm
     both = fit(those, hypothesis, 0, baseline.solved.noise, baseline.models)  # at the stated values
     refits: list[bool] = []
 
-    def rises(self: SimulatedMotion, change: ArmChange) -> bool:
+    def rises(self: SimulatedMotion, change: ArmChange, than: ArmChange | None = None) -> bool:
         """Reject every refit."""
         refits.append(bool(change.inertials) or any(e.effect == "coulomb_friction" for e in change.effects))
         return refits[-1]
@@ -60,7 +62,9 @@ def test_an_effect_need_not_be_as_good_as_a_refit_that_moves_worse(ur10e: Arm, m
     those = warmed([measured(recording(ur10e, seed, hidden), ur10e) for seed in (1, 2)])
     baseline = started(those, Hypothesis.nominal(ur10e))
     named = fit(those, baseline.hypothesis.with_effects((spring,)), 0, baseline.solved.noise, baseline.models)
-    monkeypatch.setattr(SimulatedMotion, "rises", lambda self, change: [e.effect for e in change.effects] != ["joint_spring"])
+    monkeypatch.setattr(
+        SimulatedMotion, "rises", lambda self, change, than=None: [e.effect for e in change.effects] != ["joint_spring"]
+    )
     monkeypatch.setattr(promotion_of, "as_written", lambda measurements, f: f)
     promotion = promoted(those, named, baseline, warmed([measured(recording(ur10e, 3, hidden), ur10e)]))
     assert promotion.refused == ()
@@ -75,6 +79,23 @@ def test_masses_that_no_body_has_move_it_farther_away(ur10e: Arm) -> None:
     motion = SimulatedMotion(ur10e, [prepare(recording(ur10e, 1), ur10e)])
     assert motion.rises(cast(ArmChange, SimpleNamespace(of=lambda arm: impossible)))
     assert not motion.rises(cast(ArmChange, SimpleNamespace(of=lambda arm: arm)))
+
+
+def test_a_law_that_moves_farther_than_the_refit_without_it_is_not_written(ur10e: Arm) -> None:
+    """Both move closer than the arm as it was, whose friction at the elbow is far off."""
+    shown = [prepare(recording(ur10e, 1), ur10e)]
+    far, near, nearest = (
+        ArmChange({}, (ArmEffect("viscous_friction", "elbow_joint", {"viscous": 9.0 * factor}),)) for factor in (4.0, 1.5, 1.0)
+    )
+    start = far.of(ur10e)
+    law = Law(ArmEffect("friction_law", "elbow_joint", {}), 1.0, 0.9)
+    with_law, without = WrittenArm.of(near, (law,), start, shown), WrittenArm.of(nearest, (), start, shown)
+    motion = SimulatedMotion(start, shown)
+    assert not motion.rises(near)
+    assert motion.rises(near, than=nearest)
+    assert not motion.rises(nearest, than=near)
+    assert list(moving_well([with_law, without], motion)) == [without]
+    assert [way.change for way in moving_well([replace(with_law, laws=()), without], motion)] == [near, nearest]
 
 
 def test_friction_that_moves_a_bench_drive_farther_away_is_refused(tmp_path: Path) -> None:

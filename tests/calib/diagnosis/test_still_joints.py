@@ -9,11 +9,19 @@ import pytest
 
 from calib.diagnosis.changes import diagnose_changes
 from calib.diagnosis.diagnose import diagnose
+from calib.diagnosis.hypothesis import Hypothesis
+from calib.diagnosis.law import Split
+from calib.diagnosis.motion import measured, warmed
+from calib.diagnosis.selection import started
+from calib.diagnosis.written_arm import as_written
 from logs.log import Log
-from sim.arm import ArmEffect, load_arm
+from sim.arm import Arm, ArmEffect, load_arm
 from sim.effects import with_effect
 from sim.errors import BadLog
 from tests.calib.conftest import fourier_motion, recorded
+from tests.calib.diagnosis.conftest import at, recording
+
+ELBOW = 2
 
 
 def test_one_joint_that_moves_alone() -> None:
@@ -27,6 +35,29 @@ def test_one_joint_that_moves_alone() -> None:
     assert answer["verdict"] == "effects_found"
     assert [(e["effect"], e["joint"]) for e in answer["effects"]] == [("torque_ripple", arm.joint_names[1])]
     assert {law["joint"] for law in answer["laws"]} <= {arm.joint_names[1]}
+
+
+def test_the_torque_of_a_joint_that_stands_changes_none_of_its_parameters(ur10e: Arm) -> None:
+    """While the elbow sweeps, the others stand for 16 s with most of their dry friction in the reading."""
+    dry = np.array([e.parameters["coulomb"] for name in ur10e.joint_names if (e := ur10e.effect("coulomb_friction", name))])
+    stuck = np.where(np.arange(ur10e.n) == ELBOW, 0.0, 0.8 * dry)
+    spring = at(ELBOW, lambda q, dq: 12.0 * (q - 0.4))
+    sweep = recording(ur10e, 1, lambda motion, tau: spring(motion, tau) + stuck, only=ELBOW)
+    found = diagnose(ur10e, [sweep, recording(ur10e, 2, spring)], [recording(ur10e, 3, spring)])
+    assert [e["effect"] for e in found.answer["effects"]] == ["joint_spring"]
+    assert found.correction is not None
+    arm = found.correction.of(ur10e)
+    for name in (n for j, n in enumerate(ur10e.joint_names) if j != ELBOW):
+        for effect in ("coulomb_friction", "viscous_friction", "rotor_inertia", "torque_offset"):
+            before, after = (x.parameters if (x := a.effect(effect, name)) else None for a in (ur10e, arm))
+            assert after == before
+
+
+def test_rows_in_which_a_joint_stands_fit_no_law(ur10e: Arm) -> None:
+    those = warmed([measured(recording(ur10e, 1, only=ELBOW), ur10e), measured(recording(ur10e, 2), ur10e)])
+    sweep, all_move = Split.of(as_written(those, started(those, Hypothesis.nominal(ur10e)))).parts
+    assert [j for j, r in enumerate(sweep.r) if len(r)] == [ELBOW]
+    assert all(len(r) == all_move.r[0].size > 0 for r in all_move.r)
 
 
 def of_moving(seed: int, stands: int | None) -> Log:

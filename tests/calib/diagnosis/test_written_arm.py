@@ -7,7 +7,7 @@ import pytest
 
 from calib.diagnosis.corrected import ArmChange
 from calib.diagnosis.motion import measured, warmed
-from calib.diagnosis.written_arm import WrittenArm, own_kept
+from calib.diagnosis.written_arm import WrittenArm, own_kept, simplest_first
 from calib.measurement.preprocessing import Measurement
 from sim.arm import Arm, ArmEffect
 from tests.calib.diagnosis.conftest import recording
@@ -40,3 +40,14 @@ def test_a_refit_that_predicts_no_joint_worse_is_no_other_way(ur10e: Arm, shown:
     kept = WrittenArm.of(ArmChange({}, ()), (), ur10e, shown)
     assert own_kept(kept, kept, ur10e, shown) == []
     assert np.all(kept.rms > 0)
+
+
+def test_of_equally_good_variants_the_one_that_changes_least_comes_first() -> None:
+    """Two joints; errors within 1% in the geometric mean are equal."""
+    rows = np.ones((50, 2), dtype=bool)
+    names, refit, better = (
+        WrittenArm(ArmChange({}, ()), (), np.full((50, 2), 1.0) * sizes, rows, rows)
+        for sizes in ([1.006, 1.006], [0.98, 1.02], [0.9, 1.0])
+    )
+    assert simplest_first([names, refit, better]) == [better, names, refit]
+    assert simplest_first([refit, names]) == [refit, names]

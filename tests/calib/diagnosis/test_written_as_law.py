@@ -67,6 +67,6 @@ def test_a_law_stands_for_friction_that_helps_at_its_own_joint(
 ) -> None:
     terms = {p.name: 0.0 for p in effect_named("friction_law").parameters}
     law = Law(ArmEffect("friction_law", "elbow_joint", terms), 2.0, 1.0)
-    plain = WrittenArm(ArmChange({}, ()), (law,), np.ones((2, 6)), np.ones((2, 6), dtype=bool))
+    plain = WrittenArm(ArmChange({}, ()), (law,), np.ones((2, 6)), *np.ones((2, 2, 6), dtype=bool))
     refusal = Refusal(ArmEffect(effect, joint, {}), joint, 1.0, 2.0, "the held-out recordings", instead)
     assert has_law(refusal, plain, {joint: before}) is stands

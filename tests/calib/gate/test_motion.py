@@ -17,6 +17,7 @@ from calib.gate.signals import signals
 from logs.log import Log
 from sim.arm import Arm, ArmEffect, load_arm
 from sim.effects import effect_named, with_effect
+from tests.calib.diagnosis.conftest import at, recording
 
 
 @pytest.fixture(scope="module")
@@ -86,3 +87,12 @@ def test_a_small_gain_at_a_joint_whose_law_was_fitted_names_no_column(gain: floa
     law = {p.name: 0.0 for p in effect_named("friction_law").parameters}
     arm = with_effect(arm, ArmEffect("friction_law", arm.joint_names[0], law | {"slip_1e-1": 1.0}))
     assert doubtful(arm, GainStep(Correction("swap", "all", (joint, 5)), gain)) == expected
+
+
+def test_a_spring_of_the_one_joint_that_moves_exchanges_no_columns_of_those_that_stand() -> None:
+    """Another posture would give the torque of the moving joint a similar shape."""
+    arm, spring = load_arm("ur10e"), at(2, lambda q, dq: 12.0 * (q - 0.4))
+    dry = [e.parameters["coulomb"] for name in arm.joint_names if (e := arm.effect("coulomb_friction", name))]
+    stuck = np.where(np.arange(arm.n) == 2, 0.0, 0.8 * np.array(dry))
+    sweep = recording(arm, 12, lambda motion, tau: spring(motion, tau) + stuck, only=2)
+    assert gate(arm, [sweep, recording(arm, 2, spring)]).refusal is None

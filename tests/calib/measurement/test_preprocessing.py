@@ -66,6 +66,20 @@ def test_standing_ends_and_a_standing_joint_are_left_out() -> None:
     assert m.usable[m.trajectory.t > 3][:, 0].mean() > 0.9
 
 
+def test_a_pause_belongs_to_the_motion_of_a_joint_and_a_long_stand_does_not() -> None:
+    """Joint 0 stands for 1.2 s, joint 1 for 5 s; the others move throughout."""
+    t, q = sine(16.0)
+    for j, seconds in ((0, 1.2), (1, 5.0)):
+        stands = (t >= 6.0) & (t < 6.0 + seconds)
+        q[stands, j] = q[np.searchsorted(t, 6.0), j]
+    m = prepare(log_of(t, q, q), ARM)
+    at = m.trajectory.t[m.row_samples]
+    assert not m.row_usable[(at > 6.3) & (at < 6.9), 0].any()
+    assert np.array_equal(m.row_joint_moving[:, 0], m.row_moving)
+    assert not m.row_joint_moving[(at > 6.3) & (at < 10.7), 1].any()
+    assert np.array_equal(m.row_joint_moving[(at < 5.0) | (at > 12.0), 1], m.row_moving[(at < 5.0) | (at > 12.0)])
+
+
 def test_clipped_torque_is_left_out_with_its_surroundings() -> None:
     t, q = sine()
     tau = np.clip(40 * q, -1e9, 30.0)
