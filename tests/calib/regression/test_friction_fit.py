@@ -96,3 +96,22 @@ def test_a_joint_whose_torque_reads_zero_spoils_no_other() -> None:
     with np.errstate(all="raise"):
         found = fit_friction(silent, np.zeros(P), 1e-6 * np.eye(P), [range(K)])
     np.testing.assert_allclose(found.theta, theta, atol=0.15)
+
+
+@pytest.mark.parametrize(("count", "expected"), [(3, []), (4, [0])])
+def test_one_recording_without_the_law_is_excepted_only_among_four_or_more(count: int, expected: list[int]) -> None:
+    """The last recording lacks the law but the error falls on average."""
+    data, _ = parts(2)
+    other, _ = parts(2, law=0.0)
+    data = [*data[: count - 1], other[3]]
+    found = fit_friction(data, np.zeros(P), 1e-6 * np.eye(P), [range(K)])
+    assert found.joints == expected
+
+
+def test_recordings_in_which_the_joint_stands_neither_support_nor_refute_its_law() -> None:
+    """Joint 0 has rows in two of four recordings."""
+    data, _ = parts(3)
+    still = [
+        Part([p.x[0][:0], p.x[1]], [p.d[0][:0], p.d[1]], [p.r[0][:0], p.r[1]]) if k >= 2 else p for k, p in enumerate(data)
+    ]
+    assert fit_friction(still, np.zeros(P), 1e-6 * np.eye(P), [range(K)]).joints == [0]
