@@ -21,16 +21,15 @@ def nearest_width(width: float) -> int:
 
 
 def part_of(model: TorqueModel, m: Measurement, sigma: np.ndarray | None = None) -> Part:
-    """Rows in which a joint moves, including reversals.
+    """Rows between the first and the last motion, including reversals.
 
     sigma (n,) N m: noise of the rows; with it, rows over bridged gaps weigh less.
     """
     x, d, r = [], [], []
     for j, columns in enumerate(_columns(model, m)):
-        moving = m.row_joint_moving[:, j]
-        rows = m.rows(columns)[moving]
+        rows = m.rows(columns)[m.row_moving]
         if sigma is not None and m.doubt is not None:
-            rows = rows / np.sqrt(1 + m.row_doubt[moving, j] / sigma[j] ** 2)[:, None]
+            rows = rows / np.sqrt(1 + m.row_doubt[m.row_moving, j] / sigma[j] ** 2)[:, None]
         x.append(rows[:, : model.p])
         d.append(rows[:, model.p : -1])
         r.append(rows[:, -1])
