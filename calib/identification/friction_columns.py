@@ -23,6 +23,9 @@ def nearest_width(width: float) -> int:
 def part_of(model: TorqueModel, m: Measurement, sigma: np.ndarray | None = None) -> Part:
     """Rows between the first and the last motion, including reversals.
 
+    Joints that stand are included. Without them the reading of speed was chosen differently for a UR10e, and of 36 changes made to it
+    two more were named beside what had changed.
+
     sigma (n,) N m: noise of the rows; with it, rows over bridged gaps weigh less.
     """
     x, d, r = [], [], []
