@@ -121,7 +121,6 @@ def figures(rows: list[Row]) -> list[Figure]:
         Figure("triples: all named", _share(triples, lambda r: set(r.truth) <= set(r.counted))),
         Figure("triples: exactly", _share(triples, lambda r: r.exact)),
         Figure("unknown: reported as unexplained", _share(unknown, to_unexplained)),
-        Figure("gap closed on the held-out log, as the answer claims, median", _middle(r.claimed for r in rows)),
         Figure("no answer", _share(rows, lambda r: r.verdict == "no answer")),
     ]
 

@@ -33,7 +33,6 @@ class Row:
     verdict: str = "no answer"
     errors: dict[str, float] = field(default_factory=dict)
     covered: list[bool] = field(default_factory=list)
-    claimed: float | None = None
     ratio: float | None = None
     over_true: float | None = None
     chance: float | None = None
@@ -116,17 +115,7 @@ def compared(case: str, truth: dict, answer_file: Path) -> Row:
                 row.errors |= _errors(hidden, found)
                 row.covered += _covered(hidden, found)
     row.chance = (answer.get("false_names") or {}).get("chance")
-    gap = answer.get("gap") or {}
-    row.claimed = _claimed(gap) if gap.get("noise_floor") and gap.get("sliding") else None
     return row
-
-
-def _claimed(gap: dict) -> float | None:
-    """Share of the residual above noise that an answer claims to remove where joints slide; None if there is hardly any."""
-    sliding = gap["sliding"]
-    seen = [x for x in zip(sliding["before"], sliding["after"], gap["noise_floor"], strict=True) if None not in x]
-    before, after, floor = (sum(x * x for x in column) for column in zip(*seen, strict=True)) if seen else (0.0, 0.0, 0.0)
-    return 1 - (after - floor) / (before - floor) if before > 1.05 * floor else None
 
 
 def _covered(hidden: dict, found: dict) -> list[bool]:

@@ -17,7 +17,7 @@ from calib.diagnosis.motion import measured, warmed
 from calib.diagnosis.prices import confidence
 from calib.diagnosis.scored_changes import Changed
 from calib.diagnosis.unstated import with_unstated
-from calib.diagnosis.written_arm import torque_rms
+from calib.diagnosis.written_arm import rms_where, torque_errors
 from calib.gate.commands import examined
 from calib.measurement.preprocessing import Measurement
 from logs.log import Log
@@ -82,7 +82,9 @@ def diagnose_changes(
     correction = ArmChange({}, tuple(replace(c.effect, std=finite(c.effect, c.std)) for c in lasting)) if lasting else None
     if correction is not None:
         used = np.concatenate([m.row_usable[m.row_moving] for m in shown])
-        before, with_it = (torque_rms(a, shown, used) for a in (arm, correction.of(arm)))
+        before, with_it = (
+            np.where(used.any(axis=0), rms_where(torque_errors(a, shown), used), 0.0) for a in (arm, correction.of(arm))
+        )
         result["gap"] |= {"given_arm": before.tolist(), "corrected_arm": with_it.tolist()}
         if refused := _worse(arm, lasting, before, with_it, result["gap"]["log"]):
             result |= {"refused": refused, "arm_out": None}

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from calib.diagnosis.written_arm import sliding_rows, torque_errors
+from calib.diagnosis.written_arm import moving_rows, rms_where, sliding_rows, torque_errors
 from calib.measurement.preprocessing import Measurement
 from sim.arm import Arm
 
@@ -20,13 +20,12 @@ from sim.arm import Arm
 def gaps(arms: Mapping[str, Arm], shown: Sequence[Measurement]) -> dict[str, Any]:
     """Per arm the RMS N m of each joint, and the same under `sliding`, with None for a joint that never slides.
 
-    The rows are filtered as in the fit (10 Hz), from the first motion to the last.
+    The rows are filtered as in the fit (10 Hz), from the first motion to the last, without those in which the joint stands for
+    longer than a pause; all of them for a joint that never moves.
     """
-    errors, slides = (
-        {key: torque_errors(arm, shown) for key, arm in arms.items()},
-        sliding_rows(next(iter(arms.values())), shown),
-    )
-    whole = {key: [float(x) for x in np.sqrt(np.mean(e**2, axis=0))] for key, e in errors.items()}
+    errors = {key: torque_errors(arm, shown) for key, arm in arms.items()}
+    moves, slides = moving_rows(shown), sliding_rows(next(iter(arms.values())), shown)
+    whole = {key: [float(x) for x in rms_where(e, moves)] for key, e in errors.items()}
     return whole | {"sliding": {key: _where(e, slides) for key, e in errors.items()}}
 
 

@@ -160,7 +160,7 @@ def promoted(
         plain is not bare
         and (plain.laws or limits)
         and np.all(plain.rms <= (1 + WORSE) * bare.rms)
-        and any(way is plain for way in moving_well([plain, *refits], motion))
+        and next(moving_well([plain, *refits], motion), None) is plain
     ):
         before = dict(zip(start.joint_names, bare.rms, strict=True))
         refused = [replace(r, by_law=bool(apart) and has_law(r, plain, before)) for r in refused]

@@ -40,21 +40,18 @@ class WrittenArm:
 
     @staticmethod
     def of(change: ArmChange, laws: tuple[Law, ...], start: Arm, shown: Sequence[Measurement]) -> WrittenArm:
-        moving = np.concatenate([m.row_joint_moving[m.row_moving] for m in shown])
-        return WrittenArm(change, laws, torque_errors(change.of(start), shown, -DELAY_MEAN), moving, sliding_rows(start, shown))
+        errors = torque_errors(change.of(start), shown, -DELAY_MEAN)
+        return WrittenArm(change, laws, errors, moving_rows(shown), sliding_rows(start, shown))
 
     @cached_property
     def rms(self) -> np.ndarray:
         """(n,) N m over rows in which a joint moves, over all if it never does."""
-        return self._rms(self.moving)
+        return rms_where(self.errors, self.moving)
 
     @cached_property
     def sliding_rms(self) -> np.ndarray:
         """(n,) N m over rows in which a joint slides, over all if it never does."""
-        return self._rms(self.sliding)
-
-    def _rms(self, rows: np.ndarray) -> np.ndarray:
-        return np.asarray(np.sqrt(np.mean(self.errors**2, axis=0, where=rows | ~rows.any(axis=0))))
+        return rms_where(self.errors, self.sliding)
 
     @property
     def words(self) -> str:
@@ -175,12 +172,14 @@ def as_written(measurements: Sequence[Measurement], named: Fit) -> Fit:
     return fit(measurements, named.hypothesis.as_written(), 3, named.solved.noise, named.models)
 
 
-def torque_rms(arm: Arm, measurements: Sequence[Measurement], rows: np.ndarray | None = None) -> np.ndarray:
-    """(n,) N m RMS of `torque_errors`, over all rows or over `rows` (R, n); 0 for a joint without any."""
-    squares = torque_errors(arm, measurements) ** 2
-    if rows is None:
-        return np.asarray(np.sqrt(np.mean(squares, axis=0)))
-    return np.asarray(np.sqrt(np.where(rows, squares, 0.0).sum(axis=0) / np.maximum(rows.sum(axis=0), 1)))
+def torque_rms(arm: Arm, measurements: Sequence[Measurement]) -> np.ndarray:
+    """(n,) N m RMS of `torque_errors` over rows in which a joint moves, over all if it never does."""
+    return rms_where(torque_errors(arm, measurements), moving_rows(measurements))
+
+
+def rms_where(errors: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """(n,) RMS of errors (R, n) over the marked rows (R, n), over all rows of a joint without any."""
+    return np.asarray(np.sqrt(np.mean(errors**2, axis=0, where=rows | ~rows.any(axis=0))))
 
 
 def torque_errors(arm: Arm, measurements: Sequence[Measurement], lead: float = 0.0) -> np.ndarray:
@@ -195,6 +194,11 @@ def torque_errors(arm: Arm, measurements: Sequence[Measurement], lead: float = 0
             tau = tau + lead * m.rate_of_change(tau)
         out.append(m.rows(m.tau - tau)[m.row_moving])
     return np.concatenate(out)
+
+
+def moving_rows(measurements: Sequence[Measurement]) -> np.ndarray:
+    """(R, n) the rows of `torque_errors` in which a joint moves or pauses; dry friction hides any torque at a joint that stands."""
+    return np.concatenate([m.row_joint_moving[m.row_moving] for m in measurements])
 
 
 def sliding_rows(arm: Arm, measurements: Sequence[Measurement]) -> np.ndarray:

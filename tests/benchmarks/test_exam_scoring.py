@@ -172,22 +172,3 @@ def test_the_exam_is_recorded_with_its_whole_matrix_and_compared() -> None:
     )
     assert only == "hidden: backlash: 0 of 1 instead: none 1, committed 1 of 1 "
     assert "other cases" in differences(rows_of([right], 8), now)[0]
-
-
-@pytest.mark.parametrize(
-    ("sliding", "floor", "claimed"),
-    [
-        ({"before": [3.0, 2.0], "after": [1.0, 2.0]}, [1.0, 2.0], 1.0),
-        ({"before": [3.0, 2.0], "after": [3.0, 2.0]}, [1.0, 2.0], 0.0),
-        ({"before": [None, 3.0], "after": [None, 1.0]}, [5.0, 1.0], 1.0),  # a joint that never slides
-        ({"before": [1.0, 2.0], "after": [0.5, 1.0]}, [1.0, 2.0], None),
-        ({"before": [3.0], "after": [1.0]}, [], None),
-    ],
-)
-def test_a_claim_is_of_the_rows_in_which_joints_slide(
-    tmp_path: Path, sliding: dict, floor: list[float], claimed: float | None
-) -> None:
-    gap = {"before": [9.0, 9.0], "after": [9.0, 9.0], "noise_floor": floor, "sliding": sliding}
-    (tmp_path / "diagnosis.json").write_text(json.dumps({"verdict": "effects_found", "gap": gap}))
-    row = compared("case_000", {"arm": "ur5e", "kind": "single", "severity": 2, "effects": []}, tmp_path / "diagnosis.json")
-    assert row.claimed == (claimed if claimed is None else pytest.approx(claimed))

@@ -84,11 +84,23 @@ def test_a_name_that_nobody_hid_is_counted() -> None:
             "verdict": "x",
         },
     }
+    for seed, f in seeds.items():  # seed 2: the effect does not move the arm
+        f["tracking"] = {"nominal": 0.1 if seed == 2 else 1.0, "calibrated": [0.2, 0.4, 0.1, 0.9][seed], "true": 0.1}
     rows = {row["what"]: row for row in demo.rows(seeds, 200)}
     assert rows["demo: what was hidden is the first name"]["value"] == 50.0
     assert rows["demo: what was hidden is identified, and nothing else"]["value"] == 25.0
     assert "seed 2: torque_gain, found no_missing_effect" in rows["demo: what was hidden is the first name"]["note"]
     assert rows["demo: payload hidden"]["value"] == "1 of 2 right"
+    over = "demo: tracking error with the calibrated model over that with the"
+    assert rows[f"{over} nominal one, median"] == {
+        "what": f"{over} nominal one, median",
+        "value": 0.4,
+        "bar": "<= 0.3",
+        "note": "3 seeds",
+    }
+    assert rows[f"{over} nominal one, largest"]["value"] == 0.9
+    assert rows[f"{over} nominal one, largest"]["note"] == "seed 3: torque_gain"
+    assert rows[f"{over} true one, median"]["value"] == 3.0
 
 
 def test_a_clean_mock_with_a_name_or_a_doubt_is_counted() -> None:

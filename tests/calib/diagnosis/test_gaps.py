@@ -66,3 +66,14 @@ def test_a_joint_that_never_slides_has_no_residual_of_sliding(ur30: Arm, motion:
     found = gaps({"before": ur30}, [replace(m, usable=usable)])
     assert found["sliding"]["before"][0] is None
     assert found["before"][0] > 0
+
+
+def test_a_joint_that_stands_for_long_has_no_residual_there(ur30: Arm, motion: Trajectory) -> None:
+    """20 N m within the dry friction of a joint that stands for half of the recording, as in a friction sweep of another joint."""
+    m = measured(recorded_on_mock(ur30, ur30, motion), ur30)
+    usable, tau = m.usable.copy(), m.tau.copy()
+    half = len(tau) // 2
+    usable[:half, 0] = False
+    tau[: half - round(0.5 * m.rate), 0] += 20.0
+    found = gaps({"before": ur30}, [replace(m, usable=usable, tau=tau)])
+    assert found["before"][0] == pytest.approx(gaps({"before": ur30}, [m])["before"][0], rel=0.3)
