@@ -172,8 +172,9 @@ def _run(arguments: list[str], invocation: Invocation) -> tuple[int, str]:
         code = result if isinstance(result, int) else 0
         return code, invocation.outcome or ("done" if code == 0 else f"ended with exit code {code}")
     except CalibError as error:
-        console.warn(str(error))
-        return error.exit_code, str(error)
+        sentence = "; besides, ".join([str(error), *getattr(error, "__notes__", ())])
+        console.warn(sentence)
+        return error.exit_code, sentence
     except typer.TyperException as error:
         sentence = _usage(error, arguments)
         console.warn(sentence)

@@ -18,7 +18,7 @@ import pinocchio as pin
 
 from safety.pair_reach import of_shape_and_obstacle, of_two_shapes
 from safety.pairs import adjacent, always_apart, never_part
-from safety.shapes import TOOL, equipped, link_body, obstacle_body
+from safety.shapes import ToolShape, equipped, link_body, obstacle_body
 from sim.arm import Arm
 from sim.cell import Cell
 from sim.errors import ConfigError, SafetyStop
@@ -62,6 +62,7 @@ class Clearance:
         self._model = RigidBody(arm).pinocchio
         self._geometry = pin.GeometryModel()
         names, links = [], []
+        by_hand = {shape.name for shape in arm.tree.shapes if isinstance(shape, ToolShape)}
         for shape in arm.tree.shapes:
             placement = pin.SE3(shape.rotation, shape.position)
             body = link_body(shape, str(arm.model_path))
@@ -90,7 +91,7 @@ class Clearance:
         for a in range(len(names)):
             for b in range(a):
                 if a < count:
-                    tool = names[a].startswith(TOOL) != names[b].startswith(TOOL) and links[a] != links[b]
+                    tool = (names[a] in by_hand) != (names[b] in by_hand) and links[a] != links[b]
                     if adjacent(arm.tree.parent, links[a], links[b]) and not tool:
                         continue
                     reach.append(of_two_shapes(arm, arm.tree.shapes[a], arm.tree.shapes[b]))
@@ -107,7 +108,7 @@ class Clearance:
         # the error of encoders and their zeros is kept free beside every path
         self.doubt = arm.sensors.encoder_resolution + CALIBRATION
         # a tool is described by hand, so one that can never part from the arm is an error and refused
-        own = [k for k in np.flatnonzero(self.of_self).tolist() if not any(name.startswith(TOOL) for name in pairs[k])]
+        own = [k for k in np.flatnonzero(self.of_self).tolist() if not by_hand & {*pairs[k]}]
         least = min(cell.table.motion.following_error, FOLLOWING_ERROR)
         stuck = never_part(
             arm, lambda q, of: self.distances(q, [own[k] for k in of]), self.margin[own], self.needed(least)[own]

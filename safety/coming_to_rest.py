@@ -10,7 +10,6 @@ import numpy as np
 from drivers.driver import DeviceStop
 from safety.stopping import Stop
 from safety.trip import Standstill
-from sim.errors import CalibError
 from sim.joint_state import JointState, Status
 
 STANDING_CYCLES = 5
@@ -38,7 +37,7 @@ class ComingToRest:
 
         planned (n,) rad/s: the last speed commanded before the stop.
         """
-        fastest, at_begin = float(np.max(np.abs(planned))), float(np.max(np.abs(self.begin.dq)))
+        fastest, at_begin = float(np.max(np.abs(planned))), float(np.max(np.abs(self.begin.dq), initial=0.0))
         still, state = 0, self.begin
         for i in range(len(stop.q) + round(REST_TIME * self.rate)):
             k = min(i, len(stop.q) - 1)
@@ -68,10 +67,11 @@ class ComingToRest:
         still, state = 0, self.begin
         for _ in range(round((time + REST_TIME) * self.rate)):
             try:
-                state = read()
-            except CalibError:
+                latest = read()
+                still = still + 1 if self._stands(latest) else 0
+            except Exception:  # whatever a driver raises, the stop that was commanded is reported
                 break
-            still = still + 1 if self._stands(state) else 0
+            state = latest
             if still >= STANDING_CYCLES:
                 break
         kind = "the device's own stop" if own is None else f"{own.stop}, then the device's own stop"

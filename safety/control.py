@@ -39,6 +39,7 @@ from sim.strict import validated
 BEAT = 0.02
 LET_GO_TIME = 5.0  # s for a process that holds the arm to let go after Ctrl-C; then it is killed
 STOP_TIME = 120.0  # s to stop and to close the log of a long run, after which the control process counts as hung
+HALT_TIME = 5.0  # s for the monitor process to command its own stop after it ended the control process
 LEAVE_TIME = 30.0  # s for both processes to end after the run: more than the monitor process waits for the control process
 
 
@@ -186,15 +187,7 @@ def _watched(
                 return answer.recv()  # type: ignore[no-any-return]
         except (EOFError, OSError):
             process.join(END_TIME)
-            if signs.tripped is not None:
-                raise DeviceError(
-                    f"the monitor process ended the control process and stopped the arm: {signs.tripped}; look at the arm before "
-                    "anything else, then recover the log with `calib import`"
-                ) from None
-            raise DeviceError(
-                f"the control process ended with exit code {process.exitcode} and no answer; the device's own watchdog has stopped "
-                "the arm: look at it before anything else, then recover the log with `calib import`"
-            ) from None
+            raise DeviceError(_after_the_loss(process.exitcode, signs)) from None
         reason = stop_requested() or unseen
         if reason is None:
             try:
@@ -209,3 +202,23 @@ def _watched(
                 f"{reason}, and the control process did not answer within {STOP_TIME:g} s: it hangs; look at the arm before anything else, then "
                 "recover the log with `calib import`"
             )
+
+
+def _after_the_loss(exitcode: int | None, signs: Signs) -> str:
+    """What is known of the arm when the control process has ended without an answer, and what to do."""
+    recover = "look at the arm before anything else, then recover the log with `calib import`"
+    if signs.tripped is None:
+        return (
+            f"the control process ended with exit code {exitcode} and no answer; the device's own watchdog should stop the arm, which "
+            f"nothing has confirmed: {recover}"
+        )
+    end = time.monotonic() + HALT_TIME
+    while signs.halt is None and time.monotonic() < end:
+        time.sleep(SHOW)
+    if signs.halt is None:
+        done = "the control process ended after a finding of the monitor process, and no stop of the arm is confirmed: use the emergency stop"
+    elif signs.halt:
+        done = f"the monitor process took over, and the device refused its stop ({signs.halt}): use the emergency stop"
+    else:
+        done = "the monitor process took over and commanded the arm to stop"
+    return f"{done}; {signs.tripped}; {recover}"

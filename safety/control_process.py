@@ -136,4 +136,8 @@ def portable(error: BaseException) -> BaseException:
     error.__cause__ = error.__context__ = error.__traceback__ = None
     if isinstance(error, Exception) and type(error).__module__.split(".")[0] in ("sim", "safety"):
         return error
-    return DeviceError(f"the control process failed: {type(error).__name__}: {error}")
+    ours = isinstance(error, CalibError)
+    out = DeviceError(str(error) if ours else f"the control process failed: {type(error).__name__}: {error}")
+    for note in getattr(error, "__notes__", ()):
+        out.add_note(note)
+    return out

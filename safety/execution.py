@@ -109,7 +109,10 @@ def execute(
             result = run.drive(speeds, approval.approved_by)
     except BaseException as error:
         stopped = error.record() if isinstance(error, MotionStopped) else {}
-        record(audit, "run stopped", now(), **facts, reason=str(error) or type(error).__name__, stop=stopped)
+        try:
+            record(audit, "run stopped", now(), **facts, reason=str(error) or type(error).__name__, stop=stopped)
+        except CalibError as second:
+            error.add_note(str(second))
         raise
     record(audit, "run completed", now(), **facts, logs=[str(p) for p in result.logs.values()], monitor=run.monitored)
     if speeds == STAGES:

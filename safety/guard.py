@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import replace
 from types import TracebackType
 from typing import Self
 
@@ -74,11 +75,11 @@ class Guard:
             self._driver.engage()
             if first.status is not Status.RUNNING:
                 first = self._following()
+            self.monitor = Monitor(self._arm, self._cell, self._driver.rate, self._clearance, first, self._latency)
         except BaseException:
             self._driver.stop()
             self._sent(ENDED, self._q_cmd)
             raise
-        self.monitor = Monitor(self._arm, self._cell, self._driver.rate, self._clearance, first, self._latency)
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
@@ -123,40 +124,39 @@ class Guard:
         motion = require_cleared(motion, self._arm, self._driver.rate)
         self._refuse_after_stop()
         self._check_start(motion, what)
-        expected = _expected(motion, 0)
-        k = -1
-        self.monitor.pause()
-        try:
-            for k in range(len(motion)):
-                trip = self._cycle(window, k, expected) or self._check_stop_request()
-                if trip is not None:
-                    self._stop(motion, k - 1, trip, what)
-                self._doing = k
-                self._send(motion.q[k], motion.dq[k])
-                expected = _expected(motion, k)
-                self._watch(Cycle(k, len(motion), self._samples.states[-1], self._q_cmd))
-        except MotionStopped:
-            raise
-        except BaseException as error:
-            self._stop(motion, k - 1, trip_of(error), what, error)
-        finally:
-            self._record = None
+        self._drive(motion, len(motion), what, window)
 
     def hold(self, seconds: float, what: str) -> None:
         """Hold the last command for `seconds`, monitored as in motion; what: when, such as "after friction"."""
         self._refuse_after_stop()
-        self.monitor.pause()
         self._doing = HOLDS
+        self._drive(None, max(1, round(seconds * self._driver.rate)), f"the pause {what}")
+
+    def _drive(self, motion: ClearedTrajectory | None, cycles: int, what: str, window: Window | None = None) -> None:
+        """Send the samples of a motion, or the last command again without one; stop once, and only after the loop has ended."""
+        expected, last = None if motion is None else _expected(motion, 0), -1
+        trip: Trip | None = None
+        cause: BaseException | None = None
+        self.monitor.pause()
         try:
-            for _ in range(max(1, round(seconds * self._driver.rate))):
-                trip = self._cycle(None, 0, None) or self._check_stop_request()
+            for k in range(cycles):
+                trip = self._cycle(window, k, expected) or self._check_stop_request()
                 if trip is not None:
-                    self._stop(None, -1, trip, f"the pause {what}")
-                self._send(self._q_cmd, self._zero)
-        except MotionStopped:
-            raise
+                    break
+                if motion is None:
+                    self._send(self._q_cmd, self._zero)
+                    continue
+                self._doing = k
+                self._send(motion.q[k], motion.dq[k])
+                expected, last = _expected(motion, k), k
+                self._watch(Cycle(k, cycles, self._samples.states[-1], self._q_cmd))
         except BaseException as error:
-            self._stop(None, -1, trip_of(error), f"the pause {what}", error)
+            trip, cause = trip_of(error), error
+        try:
+            if trip is not None:
+                self._stop(motion, last, trip, what, cause)
+        finally:
+            self._record = None
 
     def _refuse_after_stop(self) -> None:
         if self._ended is not None:
@@ -195,10 +195,8 @@ class Guard:
         self._q_cmd, self._dq_cmd = q, dq
         self._sent(self._doing, q)
 
-    def _stop(
-        self, motion: ClearedTrajectory | None, k: int, trip: Trip, what: str, cause: BaseException | None = None
-    ) -> None:
-        """Bring the arm to rest and raise MotionStopped from `cause`. Never raises before the device was commanded to stop."""
+    def _stop(self, motion: ClearedTrajectory | None, k: int, trip: Trip, what: str, cause: BaseException | None) -> None:
+        """Bring the arm to rest after sample k and raise MotionStopped from `cause`; a step that fails is added to the remedy."""
         self._ended, self._doing = str(trip), STOPS
         self._sent(STOPS, self._q_cmd)
         begin = self._samples.states[-1]
@@ -211,11 +209,12 @@ class Guard:
                 stop = stop_from(motion, k, self._arm)
             standstill = rest.by_commands(stop, self._dq_cmd, self._send, self._read_in_stop)
         except Exception as error:
-            trip = Trip(
-                trip.quantity, trip.value, trip.limit, trip.unit, f"{trip.remedy}; the stop failed: {error}", trip.joint
-            )
+            trip = replace(trip, remedy=f"{trip.remedy}; the stop failed: {error}")
         finally:
-            self._driver.stop()
+            try:
+                self._driver.stop()
+            except Exception as error:
+                trip = replace(trip, remedy=f"{trip.remedy}; the device did not accept its own stop: {error}")
         if standstill is None or not standstill.at_rest:
             standstill = rest.by_device(self._driver.device_stop, self._q_cmd, self._dq_cmd, self._read, standstill)
         self._note(trip, begin)

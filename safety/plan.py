@@ -11,6 +11,7 @@ import hashlib
 import io
 import math
 import re
+import tokenize
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
@@ -214,7 +215,7 @@ def _read_motion(file: Path, row: _MotionTable, n: int) -> Trajectory:
         if np.lib.format.read_magic(stream) != (1, 0):
             raise ValueError("not NPY version 1.0")
         found, fortran, dtype = np.lib.format.read_array_header_1_0(stream, max_header_size=1000)
-    except ValueError as error:
+    except (ValueError, TypeError, SyntaxError, tokenize.TokenError) as error:  # what NumPy raises for a crafted header
         raise ConfigError(f"{file}: not a NumPy file ({error}); make the plan again with `calib plan`") from error
     body = raw[stream.tell() :]
     if (found, fortran, dtype) != (shape, False, np.dtype("<f8")) or len(body) != 8 * math.prod(shape):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import coal
@@ -61,28 +61,38 @@ def obstacle_body(obstacle: Obstacle, cell: Cell, where: str) -> tuple[coal.Coll
     return hull(mesh_vertices(cell.mesh(obstacle.file, where), obstacle.file, where), f"{where}: {obstacle.file}"), placement
 
 
+@dataclass(frozen=True)
+class ToolShape(Shape):
+    """A shape that the cell adds to the arm. The arm's own model may have shapes whose names begin alike."""
+
+
 def equipped(arm: Arm, cell: Cell) -> Arm:
-    """The arm with the cell's [[tool]] shapes on its last link, named `tool NAME`; ConfigError if a mesh cannot be read."""
-    shapes = tuple(_tool_shape(tool, arm.n - 1, cell) for tool in cell.table.tool)
-    if not shapes or any(s.name.startswith(TOOL) for s in arm.tree.shapes):
+    """The arm with the cell's [[tool]] shapes on its last link, named `tool NAME`; an arm that has its tool stays as it is.
+
+    ConfigError if a mesh cannot be read, or if the arm's model has a shape of that name.
+    """
+    if any(isinstance(s, ToolShape) for s in arm.tree.shapes):
         return arm
-    return replace(arm, tree=replace(arm.tree, shapes=(*arm.tree.shapes, *shapes)))
+    shapes = tuple(_tool_shape(tool, arm.n - 1, cell) for tool in cell.table.tool)
+    if taken := {s.name for s in shapes} & {s.name for s in arm.tree.shapes}:
+        raise ConfigError(f"{cell.path}: {arm.model_path} has a shape named {min(taken)} too; rename the [[tool]]")
+    return replace(arm, tree=replace(arm.tree, shapes=(*arm.tree.shapes, *shapes))) if shapes else arm
 
 
-def _tool_shape(tool: ToolBox | ToolCapsule | ToolMesh, link: int, cell: Cell) -> Shape:
+def _tool_shape(tool: ToolBox | ToolCapsule | ToolMesh, link: int, cell: Cell) -> ToolShape:
     name, where = f"{TOOL}{tool.name}", f"{cell.path}: tool {tool.name}"
     if isinstance(tool, ToolCapsule):
         first, last = (np.array(end, dtype=float) for end in tool.ends)
         length = float(np.linalg.norm(last - first))
         if length < 1e-9:
-            return Shape(link, name, "sphere", (tool.radius, 0.0, 0.0), np.eye(3), first)
+            return ToolShape(link, name, "sphere", (tool.radius, 0.0, 0.0), np.eye(3), first)
         rotation = _towards((last - first) / length)
-        return Shape(link, name, "capsule", (tool.radius, length / 2, 0.0), rotation, (first + last) / 2)
+        return ToolShape(link, name, "capsule", (tool.radius, length / 2, 0.0), rotation, (first + last) / 2)
     rotation, position = pin.rpy.rpyToMatrix(*tool.rpy), np.array(tool.position, dtype=float)
     if isinstance(tool, ToolBox):
-        return Shape(link, name, "box", tuple(x / 2 for x in tool.size), rotation, position)
+        return ToolShape(link, name, "box", tuple(x / 2 for x in tool.size), rotation, position)
     vertices = mesh_vertices(cell.mesh(tool.file, where), tool.file, where)
-    return Shape(link, name, "mesh", (0.0, 0.0, 0.0), rotation, position, vertices)
+    return ToolShape(link, name, "mesh", (0.0, 0.0, 0.0), rotation, position, vertices)
 
 
 def _towards(direction: np.ndarray) -> np.ndarray:

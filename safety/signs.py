@@ -15,7 +15,7 @@ import numpy as np
 HOLDS, STOPS, ENDED = -1, -2, -3
 
 TEXT = 400
-TURN_AT, SENT_AT, LEG_AT, K_AT, LOOKED_AT, TRIPPED_AT, NUMBERS = range(7)
+TURN_AT, SENT_AT, LEG_AT, K_AT, LOOKED_AT, TRIPPED_AT, HALTED_AT, NUMBERS = range(8)
 # attempts to read the numbers consistently before giving up; writing them takes microseconds
 TRIES = 1000
 
@@ -35,15 +35,15 @@ class Signs:
     def __init__(self, n: int, context: Any) -> None:
         self._n = n
         self._memory = context.RawArray(ctypes.c_double, NUMBERS + n)
-        self._text = context.RawArray(ctypes.c_char, TEXT)
+        self._text, self._refusal = (context.RawArray(ctypes.c_char, TEXT) for _ in range(2))
         self._numbers = np.frombuffer(self._memory)
         self._numbers[K_AT], self._numbers[LOOKED_AT] = ENDED, -np.inf
 
     def __getstate__(self) -> tuple[Any, ...]:
-        return self._n, self._memory, self._text
+        return self._n, self._memory, self._text, self._refusal
 
     def __setstate__(self, state: tuple[Any, ...]) -> None:
-        self._n, self._memory, self._text = state
+        self._n, self._memory, self._text, self._refusal = state
         self._numbers = np.frombuffer(self._memory)
 
     def sent(self, at: float, leg: int, k: int, q: np.ndarray) -> None:
@@ -73,10 +73,24 @@ class Signs:
     def trip(self, reason: str) -> None:
         """Monitor process: request a stop; the first reason stays."""
         if self.tripped is None:
-            self._text.raw = reason.encode()[: TEXT - 1].ljust(TEXT, b"\0")
+            self._text.raw = _bytes(reason)
             self._numbers[TRIPPED_AT] = 1.0
 
     @property
     def tripped(self) -> str | None:
         """Why the monitor process requests a stop, or None."""
         return str(self._text.value.decode(errors="replace")) if self._numbers[TRIPPED_AT] else None
+
+    def halted(self, refusal: str = "") -> None:
+        """Monitor process: record that the device accepted its stop, or why it did not."""
+        self._refusal.raw = _bytes(refusal)
+        self._numbers[HALTED_AT] = 1.0
+
+    @property
+    def halt(self) -> str | None:
+        """Outcome of the monitor process's own stop: empty if the device accepted it, else why not; None without an outcome."""
+        return str(self._refusal.value.decode(errors="replace")) if self._numbers[HALTED_AT] else None
+
+
+def _bytes(text: str) -> bytes:
+    return text.encode()[: TEXT - 1].ljust(TEXT, b"\0")

@@ -53,8 +53,10 @@ class MotionStopped(SafetyStop):
         super().__init__(f"stopped in {where} at t={t:.3f} s; {rest}{by}: {trip}")
         self.trip, self.t, self.standstill, self.samples, self.where = trip, t, standstill, samples, where
 
-    def __reduce__(self) -> tuple[type[MotionStopped], tuple[Any, ...]]:
-        return MotionStopped, (self.trip, self.t, self.standstill, self.samples, self.where)
+    def __reduce__(self) -> tuple[type[MotionStopped], tuple[Any, ...], dict[str, Any]]:
+        """With what was added to the sentence and noted since."""
+        state = self.__dict__ | {"args": self.args}
+        return MotionStopped, (self.trip, self.t, self.standstill, self.samples, self.where), state
 
     def record(self) -> dict[str, Any]:
         """The stop as JSON-ready values, without the samples."""

@@ -80,7 +80,10 @@ def watch(task: Task, signs: Signs, talk: Connection) -> None:
         try:
             driver.halt()
         except DeviceError as error:
+            signs.halted(str(error))
             reason = f"{reason}; {error}"
+        else:
+            signs.halted()
         # a control process that finds the device stopped closes the log and reports why; a hung one does not
         if not select.select([control], [], [], GRACE)[0]:
             _end(control)

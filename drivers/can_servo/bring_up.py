@@ -28,6 +28,8 @@ PROTOCOLS: dict[str, type[Drive]] = {
 
 ANSWER_TIME, TRIES = 0.1, 3  # s for one answer, and how often it is requested
 LINGER = 0.003  # s in which a second drive with the same identifier would answer too
+# control periods that a drive's watchdog must at least last: `CanServo.keep` holds the arm after half of it without a command
+PERIODS_LEAST = 4
 QUIET_TIME = 0.05  # s of listening before the first frame
 
 T = TypeVar("T")
@@ -135,6 +137,12 @@ def guard_by_watchdog(enquiry: Enquiry, drives: Sequence[Drive], options: CanOpt
 
     Without a watchdog a drive follows its last command for ever once the host has died, so one that cannot be read is refused.
     """
+    least = PERIODS_LEAST / options.rate
+    if not options.watchdog >= least:
+        raise DeviceError(
+            f"watchdog = {options.watchdog:g} s in the cell file is shorter than {PERIODS_LEAST} control periods ({least:g} s at {options.rate:g} Hz), "
+            "so a drive would let go between two commands; make it longer"
+        )
     values = []
     for drive in drives:
         value = drive.set_watchdog(enquiry.ask, options.watchdog)
@@ -144,6 +152,11 @@ def guard_by_watchdog(enquiry: Enquiry, drives: Sequence[Drive], options: CanOpt
                     f"{drive.name}: its watchdog cannot be read back; set it with the maker's tool, try it by pulling the cable with "
                     'the arm supported, then write assume = ["watchdog-works"] at the top of the cell file'
                 )
+        elif 0 < value < least * (1 - 1e-3):
+            raise DeviceError(
+                f"{drive.name}: its watchdog reads {value:g} s, shorter than {PERIODS_LEAST} control periods ({least:g} s at {options.rate:g} Hz), so it "
+                "would let go between two commands; set a longer one with the maker's tool"
+            )
         elif not 0 < value <= options.watchdog * (1 + 1e-3):
             raise DeviceError(
                 f"{drive.name}: its watchdog reads {value:g} s, the cell file asks for {options.watchdog:g} s or less; a drive without "

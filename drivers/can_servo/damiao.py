@@ -195,7 +195,12 @@ class Damiao(Drive):
 
         def reply(message: can.Message) -> int | None:
             # A register reply carries the identifier of the feedback; only its first four bytes distinguish them.
-            if message.arbitration_id != self.servo.feedback or message.is_extended_id or message.dlc != 8:
+            if (
+                message.arbitration_id != self.servo.feedback
+                or message.is_extended_id
+                or message.is_remote_frame
+                or message.dlc != 8
+            ):
                 return None
             sender, what, register, raw = frames.register_reply(bytes(message.data))
             return raw if (sender, what, register) == (node, order, number) else None

@@ -75,7 +75,7 @@ class CanServo(Driver):
                 stands = self.read().q
                 if "turns-as-read" not in self.options.assume:
                     require_turns(self.drives, self.arm, stands, self._rest, self.options.rest_tolerance)
-            except DeviceError:
+            except BaseException:
                 link.close()
                 self._stream = self._fault = None
                 raise
@@ -88,7 +88,7 @@ class CanServo(Driver):
         self._listener = Listener(make_drives(self.options), self._open_link(), self.clock, self.rate)
         try:
             self._listener.read()
-        except DeviceError:
+        except BaseException:
             self.close()
             raise
         self._listener.patience = patience or PATIENCE

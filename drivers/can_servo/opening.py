@@ -100,7 +100,7 @@ def _require_server(options: CanOptions) -> None:
         )
     try:
         socket.create_connection((host, port), timeout=SERVER_TIME).close()
-    except (OSError, OverflowError) as error:
+    except (OSError, OverflowError, UnicodeError) as error:
         raise DeviceError(
             f"socketcand {options.channel}: no server at {host}:{port} ({error}); start socketcand there, or correct bus in the cell file"
         ) from error

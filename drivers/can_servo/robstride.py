@@ -153,7 +153,12 @@ class RobStride(Drive):
         node = self.servo.node
 
         def unique(message: can.Message) -> int | None:
-            if not message.is_extended_id or message.arbitration_id != node << 8 | 0xFE or message.dlc != 8:
+            if (
+                message.is_remote_frame
+                or not message.is_extended_id
+                or message.arbitration_id != node << 8 | 0xFE
+                or message.dlc != 8
+            ):
                 return None
             return int.from_bytes(message.data, "little")
 

@@ -52,8 +52,9 @@ def _switch_on_one(link: Link, joints: Joints, clock: Clock, holding: Sequence[c
 
 
 def switch_off(link: Link, joints: Joints, clock: Clock) -> None:
-    """Torque off, sent again until every drive that can report it does; DeviceError names those that do not."""
+    """Torque off, sent again until every drive answers and none reports to be on; DeviceError names the others."""
     drives, end, again = joints.drives, clock.now() + SWITCH_TIME, -math.inf
+    off = [False] * len(drives)  # by an answer since torque was switched off: an older one shows nothing
     while clock.now() < end and not link.failed:
         try:
             if clock.now() >= again:
@@ -65,14 +66,14 @@ def switch_off(link: Link, joints: Joints, clock: Clock) -> None:
                 joints.take(message)
         except DeviceError:
             continue  # a fault is no reason to stop switching off; a dead link ends the loop
-        if all(
-            r is not None and d.says(r, False) and fresh
-            for d, r, fresh in zip(drives, joints.readings, joints.fresh, strict=True)
-        ):
+        for j, (drive, reading) in enumerate(zip(drives, joints.readings, strict=True)):
+            if joints.fresh[j] and reading is not None:
+                off[j] = drive.says(reading, False)
+        if all(off):
             return
-    still_on = [d.name for d, r in zip(drives, joints.readings, strict=True) if r is None or not d.says(r, False)]
+    still_on = [drive.name for drive, done in zip(drives, off, strict=True) if not done]
     if still_on:
         raise DeviceError(
-            f"{', '.join(still_on)}: torque was switched off, but the drive does not report it; keep away until its watchdog has "
+            f"{', '.join(still_on)}: torque was switched off, but the drive does not confirm it; keep away until its watchdog has "
             "expired, or use the emergency stop"
         )

@@ -79,7 +79,11 @@ class CommandProcess:
     def take_control(self) -> None:
         """Upload the control program, which ends any playing one, and wait until it takes commands; DeviceError with the remedy."""
         assert self._channel is not None
-        self._channel.send(b"G")
+        try:
+            self._channel.send(b"G")
+        except OSError as error:
+            self._fail(f"the command process has ended ({error})")
+            raise DeviceError(self.failure) from error
         self._expect(b"K", TAKE_TIMEOUT)
         self._output_seen = os.fstat(self._output.fileno()).st_size
 

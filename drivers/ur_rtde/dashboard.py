@@ -13,6 +13,8 @@ from sim.errors import DeviceError
 PORT = 29999
 TIMEOUT = 3.0  # s for each answer
 LINE_MAX = 4096  # bytes
+# what an answer may be before it is shown, compared, or made part of a folder's name
+MODEL, SERIAL, PRINTABLE = r"UR[\w +-]*", r"\w+", r"[ -~]*"
 
 
 @dataclass(frozen=True)
@@ -84,7 +86,7 @@ def questions_for(version: tuple[int, ...]) -> list[str]:
 def controller_info(host: str, version: tuple[int, ...], robot_api_port: int) -> ControllerInfo:
     """What a controller of this version reports about itself."""
     if version[0] >= 10:
-        return _of_robot_api(robot_api.answers(host, robot_api_port), version)
+        return of_robot_api(robot_api.answers(host, robot_api_port), version)
     questions = questions_for(version)
     answer = dict(zip(questions, ask(host, *questions), strict=True))
     polyscope = answer["PolyscopeVersion"]
@@ -92,8 +94,8 @@ def controller_info(host: str, version: tuple[int, ...], robot_api_port: int) ->
     remote = answer.get("is in remote control", "").lower()
     return ControllerInfo(
         found.group(0) if found else polyscope,
-        model=_like(r"UR.*", answer.get("get robot model", "")),
-        serial=_like(r"\w+", answer.get("get serial number", "")),
+        model=_like(MODEL, answer.get("get robot model", "")),
+        serial=_like(SERIAL, answer.get("get serial number", "")),
         remote={"true": True, "false": False}.get(remote),
         operational_mode=_like(r"MANUAL|AUTOMATIC|NONE", answer.get("get operational mode", "")),
         safety=answer["safetymode"].removeprefix("Safetymode:").strip(),
@@ -101,16 +103,20 @@ def controller_info(host: str, version: tuple[int, ...], robot_api_port: int) ->
     )
 
 
-def _of_robot_api(answer: dict[str, str], version: tuple[int, ...]) -> ControllerInfo:
-    mode = answer.get("control mode", "")
+def of_robot_api(answer: dict[str, str], version: tuple[int, ...]) -> ControllerInfo:
+    """What the Robot API's answers say; empty where one has another form than a name or number, which must not reach a terminal or path."""
+
+    def of(what: str, pattern: str) -> str:
+        return _like(pattern, answer.get(what, ""))
+
     return ControllerInfo(
-        answer.get("PolyScope") or ".".join(map(str, version[:3])),
-        model=answer.get("model", ""),
-        serial=answer.get("serial", ""),
-        remote={"REMOTE": True, "LOCAL": False}.get(mode),
-        operational_mode=answer.get("operational mode", ""),
-        safety=answer.get("safety mode", ""),
-        program=answer.get("program", ""),
+        of("PolyScope", r"\d[\w.-]*") or ".".join(map(str, version[:3])),
+        model=of("model", MODEL),
+        serial=of("serial", SERIAL),
+        remote={"REMOTE": True, "LOCAL": False}.get(of("control mode", PRINTABLE)),
+        operational_mode=of("operational mode", PRINTABLE),
+        safety=of("safety mode", PRINTABLE),
+        program=of("program", PRINTABLE),
     )
 
 

@@ -99,7 +99,7 @@ class UrDriver(Driver):
             except DeviceError as failure:
                 raise taking_control.overtaken(self.options, self._receiver.version) or failure from failure
             taking_control.await_program(self._frames, self.options.host, self.assumed, self._condition)
-        except DeviceError:
+        except BaseException:
             self.close()
             raise
         return self._info(first)
@@ -131,7 +131,7 @@ class UrDriver(Driver):
             self.rate = self._receiver.rate
             self._controller = controller_info(self.options.host, self._receiver.version, self.options.robot_api_port)
             return self._frames.next()
-        except DeviceError:
+        except BaseException:
             self.close()
             raise
 

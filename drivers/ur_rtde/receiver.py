@@ -90,7 +90,7 @@ class Receiver:
             self._splitter = Splitter()
             self._pending: Iterator[tuple[str, bytes]] = iter(())
             self._handshake()
-        except OSError as error:
+        except (OSError, UnicodeError) as error:  # a host name may be impossible
             self.close()
             remedy = START if at_emulator(self.host) else REMEDY
             raise DeviceError(f"no RTDE at {self.host}:{PORT} ({error}); {remedy}") from error

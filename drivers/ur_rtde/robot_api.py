@@ -66,7 +66,7 @@ def fetch(host: str, port: int, path: str) -> dict[str, object]:
         return {}
     try:
         answer = json.loads(body)
-    except ValueError:
+    except (ValueError, RecursionError):
         return {}
     return answer if isinstance(answer, dict) else {}
 

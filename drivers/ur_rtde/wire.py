@@ -15,6 +15,7 @@ FORMATS = {
     "BOOL": "?", "UINT8": "B", "UINT32": "I", "UINT64": "Q", "INT32": "i", "DOUBLE": "d",
     "VECTOR3D": "3d", "VECTOR6D": "6d", "VECTOR6INT32": "6i", "VECTOR6UINT32": "6I",
 }  # fmt: skip
+PER_JOINT = frozenset({"actual_q", "actual_qd", "actual_current", "joint_temperatures"})
 
 
 class BrokenStream(Exception):
@@ -59,6 +60,9 @@ class Recipe:
         unknown = [t for t in self.types if t not in FORMATS]
         if unknown or len(self.types) != len(self.names):
             raise BrokenStream(f"{len(self.names)} variables were requested, the controller answered {', '.join(self.types)}")
+        short = [n for n, t in zip(self.names, self.types, strict=True) if n in PER_JOINT and not FORMATS[t].startswith("6")]
+        if short:
+            raise BrokenStream(f"{', '.join(short)} must have a number for each of six joints")
         object.__setattr__(self, "_layout", struct.Struct(">B" + "".join(FORMATS[t] for t in self.types)))
 
     def unpack(self, payload: bytes) -> dict[str, tuple[float, ...]]:

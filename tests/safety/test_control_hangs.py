@@ -72,6 +72,31 @@ def test_half_an_answer_of_a_control_process_that_was_killed_is_none() -> None:
         control._watched(Hung(), answer, Board(6, context), lambda: None, lambda progress: None, Signs(6, context))
 
 
+@pytest.mark.parametrize(
+    ("refusal", "message"),
+    [
+        ("", r"took over and commanded the arm to stop; the guard was silent; look at the arm"),
+        (
+            "connection refused",
+            r"the device refused its stop \(connection refused\): use the emergency stop; the guard was silent",
+        ),
+        (None, r"no stop of the arm is confirmed: use the emergency stop; the guard was silent"),
+    ],
+)
+def test_what_is_reported_of_the_stop_is_what_the_monitor_process_achieved(
+    monkeypatch: pytest.MonkeyPatch, refusal: str | None, message: str
+) -> None:
+    monkeypatch.setattr(control, "HALT_TIME", 0.1)
+    context = multiprocessing.get_context("spawn")
+    signs, (answer, theirs) = Signs(6, context), context.Pipe(duplex=False)
+    signs.trip("the guard was silent")
+    if refusal is not None:
+        signs.halted(refusal)
+    theirs.close()
+    with pytest.raises(DeviceError, match=message):
+        control._watched(Hung(), answer, Board(6, context), lambda: None, lambda progress: None, signs)
+
+
 def test_a_view_that_cannot_be_written_any_more_is_a_stop_with_that_reason() -> None:
     context = multiprocessing.get_context("spawn")
     board, (answer, theirs) = Board(6, context), context.Pipe(duplex=False)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ import pytest
 from drivers.mock import MockDriver
 from logs import Recorder, State, read_log
 from logs.journal import Disk
+from safety import execution
 from safety.clear import clear
 from safety.collision import Clearance
 from safety.guard import Guard
@@ -19,8 +21,9 @@ from safety.trip import MotionStopped
 from safety.window import Window
 from sim.arm import Arm
 from sim.cell import Cell
-from sim.errors import DeviceError
+from sim.errors import ConfigError, DeviceError
 from sim.trajectory import Trajectory
+from tests.safety.test_execution import go, short, with_fault
 
 
 class FullDisk(Disk):
@@ -64,3 +67,17 @@ def test_the_motion_stops_as_planned(call: str, count: int, motion: Trajectory, 
     assert len(log) >= recorder.samples
     if call == "reserve":
         assert len(log) > recorder.samples + 10  # space had been reserved, so the stop itself is on the disk
+
+
+def test_a_stop_is_reported_even_if_the_trail_cannot_be_written(
+    arm: Arm, cell: Cell, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(file: Path, event: str, *args: object, **facts: object) -> None:
+        if event == "run stopped":
+            raise ConfigError(f"{file}: cannot be written (No space left on device)")
+
+    monkeypatch.setattr(execution, "record", full)
+    hot = with_fault(lambda s: replace(s, temperature=np.full(6, 90.0)) if s.t_device > 2.5 else s)
+    with pytest.raises(MotionStopped, match="temperature") as stopped:
+        go(tmp_path, arm, cell, [short()], hot)
+    assert "No space left on device" in stopped.value.__notes__[-1]

@@ -74,6 +74,7 @@ def test_the_control_process_that_is_silent_is_ended_and_the_arm_halted(
     assert beside.ended() == signal.SIGKILL
     assert (beside.ear.halts, beside.ear.closes) == (1, 1)
     assert "the guard was silent" in str(beside.signs.tripped)
+    assert beside.signs.halt == ""
     (entry,) = audit.verify(beside.audit)
     assert entry["event"] == "monitor took over"
     assert "the guard was silent" in entry["facts"]["reason"]
@@ -112,6 +113,7 @@ def test_a_device_that_takes_no_stop_is_written_down(
     beside.begin(cleared, tmp_path)
     beside.thread.join(10.0)
     assert audit.verify(beside.audit)[0]["facts"]["reason"].endswith("the port is closed")
+    assert beside.signs.halt == "the port is closed"
 
 
 def test_readings_that_end_are_shown_to_the_guard(beside: Beside, cleared: ClearedTrajectory, tmp_path: Path) -> None:

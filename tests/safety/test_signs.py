@@ -17,6 +17,17 @@ def test_before_anything_was_shown() -> None:
     assert signs.last().k == ENDED
     assert signs.looked_at == -np.inf
     assert signs.tripped is None
+    assert signs.halt is None
+
+
+def test_the_outcome_of_the_stop_is_the_devices_refusal_or_empty() -> None:
+    signs, other = Signs(3, CONTEXT), Signs(3, CONTEXT)
+    signs.halted("the port is closed")
+    other.halted()
+    assert (signs.halt, other.halt) == ("the port is closed", "")
+    copy = Signs.__new__(Signs)
+    copy.__setstate__(signs.__getstate__())
+    assert copy.halt == "the port is closed"
 
 
 def _echo(signs: Signs, talk: Connection) -> None:

@@ -44,6 +44,18 @@ def test_a_tool_is_a_body_on_the_last_link(arm: Arm, tmp_path: Path) -> None:
     assert equipped(arm, cell_with(tmp_path, "")) is arm
 
 
+def test_a_shape_of_the_arm_is_not_taken_for_the_tool_of_the_cell(arm: Arm, tmp_path: Path) -> None:
+    """The model of an arm may have a `tool changer`; the cell's tool is checked beside it."""
+    changer = replace(arm.tree.shapes[-1], name="tool changer")
+    other = replace(arm, tree=replace(arm.tree, shapes=(*arm.tree.shapes, changer)))
+    clearance = Clearance(other, cell_with(tmp_path, ROD))
+    seen = set(clearance.pairs) | set(clearance.always_apart) | set(clearance.excluded)
+    assert any("tool rod" in pair for pair in seen)
+    namesake = replace(arm, tree=replace(arm.tree, shapes=(*arm.tree.shapes, replace(changer, name="tool rod"))))
+    with pytest.raises(ConfigError, match="has a shape named tool rod too; rename"):
+        Clearance(namesake, cell_with(tmp_path, ROD))
+
+
 def test_a_motion_that_is_free_without_its_tool_is_refused_with_it(arm: Arm, tmp_path: Path) -> None:
     t = np.linspace(0, 2, 201)
     still = Trajectory(t, np.tile(HOME, (201, 1)), np.zeros((201, 6)), np.zeros((201, 6)))

@@ -29,6 +29,17 @@ def test_it_crosses_a_process_boundary_whole() -> None:
     assert "NOT seen to stand still" in str(stop)
 
 
+def test_what_was_added_later_crosses_a_process_boundary_too() -> None:
+    rest = Standstill("along the path", 0.3, (0.1,), (0.11,), True)
+    stop = MotionStopped(Trip("speed", 2.31, 2.09, "rad/s", "slower", "elbow"), 3.4, rest, (reading(3.4),), "x")
+    stop.args = (f"{stop}; besides, a drive is still on",)
+    stop.add_note("the disk is full")
+    again = pickle.loads(pickle.dumps(stop))
+    assert str(again).endswith("slower; besides, a drive is still on")
+    assert again.__notes__ == ["the disk is full"]
+    assert len(again.samples) == 1
+
+
 def test_a_trip_without_joint_and_unit_is_a_sentence_too() -> None:
     assert str(Trip("device status", "fault", "running", "", "look")) == "device status fault, limit running; look"
 

@@ -65,6 +65,19 @@ def test_a_watchdog_that_cannot_be_switched_on_is_a_refusal(bench):
         b.driver.connect()
 
 
+def test_a_watchdog_that_ends_between_two_commands_is_a_refusal(bench):
+    b = bench("odrive")
+    b.driver.options = b.driver.options.model_copy(update={"watchdog": 0.015})
+    with pytest.raises(
+        DeviceError, match=r"watchdog = 0\.015 s in the cell file is shorter than 4 control periods \(0\.02 s at 200 Hz\)"
+    ):
+        b.driver.connect()
+    b = bench("odrive")
+    b.bus.servos[4].watchdog = 0.015
+    with pytest.raises(DeviceError, match=r"wrist_2_joint.*watchdog reads 0\.015 s, shorter than 4 control periods"):
+        b.driver.connect()
+
+
 def test_a_watchdog_that_cannot_be_read_is_a_refusal_unless_the_cell_accepts_it(bench):
     b = bench("cubemars")
     b.driver.options = b.driver.options.model_copy(update={"assume": frozenset()})

@@ -238,7 +238,7 @@ def test_a_drive_that_stays_on_is_reported(bench):
     b.stream(20)
     b.bus.inject("silent:wrist_3_joint")
     with pytest.raises(
-        DeviceError, match=r"wrist_3_joint \(node 6\): torque was switched off, but the drive does not report it"
+        DeviceError, match=r"wrist_3_joint \(node 6\): torque was switched off, but the drive does not confirm it"
     ):
         b.driver.release()
     assert not b.bus.body.live.any()  # its watchdog has expired meanwhile

@@ -25,7 +25,7 @@ def test_an_old_heartbeat_is_none(bench):
     assert 0.2 < b.clock.now() - begin < 0.31
     b.bus.servos[3].on = False  # without a heartbeat it does not count as off either
     with pytest.raises(
-        DeviceError, match=r"wrist_1_joint \(node 4\): torque was switched off, but the drive does not report it"
+        DeviceError, match=r"wrist_1_joint \(node 4\): torque was switched off, but the drive does not confirm it"
     ):
         b.driver.release()
 
@@ -46,3 +46,14 @@ def test_a_drive_that_never_reported_a_temperature_goes_on(bench):
     without(b, 3, TEMPERATURE)
     b.driver.connect()
     b.stream(400)
+
+
+def test_a_drive_without_a_heartbeat_that_falls_silent_is_not_taken_for_off(bench):
+    b = bench("cubemars")
+    b.driver.connect()
+    b.stream(20)
+    b.bus.inject("silent:elbow_joint")
+    with pytest.raises(
+        DeviceError, match=r"elbow_joint \(node 3\): torque was switched off, but the drive does not confirm it"
+    ):
+        b.driver.release()

@@ -66,7 +66,7 @@ def test_an_arm_whose_control_process_hangs_is_held_and_let_go_by_ctrl_c(tmp_pat
             assert emulator.bus.body.live.all()
             threading.Timer(0.2, os.kill, (os.getpid(), signal.SIGINT)).start()
 
-        with pytest.raises(DeviceError, match="the monitor process ended the control process"):
+        with pytest.raises(DeviceError, match="the monitor process took over and commanded the arm to stop"):
             drive(plan, cell, servo6, open_driver, tmp_path / "run", audit=tmp_path / "audit.jsonl", watch=hang, held=supported)
         assert hung
         assert "support it, then press Ctrl-C" in held[0]

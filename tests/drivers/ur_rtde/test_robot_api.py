@@ -10,7 +10,7 @@ import pytest
 
 from drivers import open_driver
 from drivers.ur_rtde import robot_api
-from drivers.ur_rtde.dashboard import ControllerInfo, controller_info
+from drivers.ur_rtde.dashboard import ControllerInfo, controller_info, of_robot_api
 from sim.arm import Arm
 from sim.cell import Cell, load_cell
 from sim.emulated import open_emulator
@@ -50,6 +50,14 @@ def robot(cell: Callable[..., Cell], arm: Arm):  # type: ignore[no-untyped-def]
 def test_each_version_reports_what_it_can(robot, polyscope: str, reply: ControllerInfo) -> None:  # type: ignore[no-untyped-def]
     emulator, _ = robot(polyscope)
     assert controller_info(emulator.host, emulator.robot.version, PORT) == reply
+
+
+def test_an_answer_with_another_form_is_none() -> None:
+    """A serial number becomes part of a folder's name, and every answer is shown in a terminal."""
+    odd = {"PolyScope": "\x1b[2J10.11", "model": "\ud800", "serial": "../../x", "safety mode": "NORMAL\x07", "program": "a\nb"}
+    assert of_robot_api(odd, (10, 11, 0, 0)) == ControllerInfo("10.11.0")
+    good = {"PolyScope": "10.14.0-rc1", "model": "UR20", "serial": "20230000000", "program": "pick and place"}
+    assert of_robot_api(good, (10, 14, 0, 0)) == ControllerInfo("10.14.0-rc1", "UR20", "20230000000", program="pick and place")
 
 
 def test_local_control_and_a_program_that_plays_are_named(robot, arm: Arm) -> None:  # type: ignore[no-untyped-def]

@@ -31,7 +31,9 @@ def test_a_payload_that_is_not_the_recipe_is_refused(payload: bytes) -> None:
         RECIPE.unpack(payload)
 
 
-@pytest.mark.parametrize("types", [("DOUBLE",), ("DOUBLE", "VECTOR6D", "STRING"), ("DOUBLE", "NOT_FOUND", "INT32")])
+@pytest.mark.parametrize(
+    "types", [("DOUBLE",), ("DOUBLE", "VECTOR6D", "STRING"), ("DOUBLE", "NOT_FOUND", "INT32"), ("DOUBLE", "DOUBLE", "INT32")]
+)
 def test_a_recipe_of_unknown_types_is_refused(types: tuple[str, ...]) -> None:
     with pytest.raises(BrokenStream):
         Recipe(1, RECIPE.names, types)
