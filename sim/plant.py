@@ -7,6 +7,7 @@ according to `arm.sensors`.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Hashable, Iterable
 
 import mujoco
@@ -20,7 +21,7 @@ from sim.encoders import Encoders
 from sim.instant import apply_all, instant
 from sim.joint_state import JointState
 from sim.mjcf import SOFT_STEP, STEP, twists
-from sim.plant_model import along, loaded, plant_model, twist_gears
+from sim.plant_model import along, load_gears, loaded, plant_model, twist_gears
 from sim.prediction import by_stage
 from sim.rigid_body import RigidBody
 from sim.slip import slip_direction
@@ -30,6 +31,7 @@ from sim.torque_path import PathState
 DIVERGED = (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL, mujoco.mjtWarning.mjWARN_BADQACC)
 NOISE_MEMORY = 0.7  # AR(1) coefficient of the torque noise from sample to sample; real current residuals show 0.6 to 0.9
 AMBIENT = 25.0
+ROUNDING = 1e-6  # of a step: a period of 2 ms is two steps of 1 ms, whatever its last digit
 
 
 class Plant:
@@ -87,17 +89,11 @@ class Plant:
         mujoco.mj_forward(self.model, self.data)
 
     def reset(
-        self,
-        q: np.ndarray,
-        dq: np.ndarray | None = None,
-        came: np.ndarray | None = None,
-        at: float = 0.0,
-        warming: np.ndarray | None = None,
-    ) -> None:
+        self, q: np.ndarray, dq: np.ndarray | None = None, came: np.ndarray | None = None, at: float = 0.0, warming: np.ndarray | None = None,
+    ) -> None:  # fmt: skip
         """Place the arm at q (n,) rad, at rest or moving with dq (n,) rad/s, at time `at` s.
 
-        came (K, n) rad: the readings that led up to q. They load dry friction, and gravity loads soft gears; without it both
-        are unloaded.
+        came (K, n) rad: the readings that led up to q, which load dry friction, as gravity loads soft gears; without it both are unloaded.
         warming (n,): share of the way from cold to warm, held constant; without it the joints were cold at time zero.
         """
         mujoco.mj_resetData(self.model, self.data)
@@ -114,7 +110,7 @@ class Plant:
         if came is not None:
             twist_gears(self.model, self.data, self._bodies, self._dof, self._twist)
             angle = self.data.qpos[self._dof]
-            path = along(self._instant(), np.concatenate([came + (angle - q), angle[None]]), self._bodies)
+            path = along(self._instant(), np.concatenate([came + (angle - q), angle[None]]), self._stages, self._bodies)
             self._slip[self._presliding] = loaded(path, self._stages, self._each_step, self._presliding, self._memory)
         self._slip_angle = self.data.qpos[self._dof].copy()
         self._history = TorqueHistory(self.time, self._reported)
@@ -143,8 +139,10 @@ class Plant:
         self._control()
 
     def advance(self, dt: float) -> None:
-        """Simulate dt seconds, rounded to whole simulation steps, at least one."""
-        steps = max(1, round(dt / self.timestep))
+        """Simulate dt seconds, in equal steps no longer than `timestep`."""
+        whole = dt / self.timestep
+        steps = max(1, math.ceil(whole - ROUNDING))
+        step = self.model.opt.timestep = self.timestep if abs(whole - steps) <= ROUNDING else dt / steps
         if self._loop.torque_alone and not self._every_step:
             mujoco.mj_step(self.model, self.data, steps)
             steps = 0
@@ -153,7 +151,7 @@ class Plant:
             mujoco.mj_step(self.model, self.data)
             # position k and the torque of step k belong together: q[k+1] - 2 q[k] + q[k-1] = h^2 ddq(tau[k])
             if not self._loop.torque_alone:
-                self._control(self.timestep)
+                self._control(step)
         friction = np.abs(self.data.qfrc_passive[self._dof] * self.data.qvel[self._dof])
         self._heat += dt * (friction - self._heat * 2.0) / 200.0
 
@@ -230,8 +228,7 @@ class Plant:
             mujoco.mj_applyFT(self.model, data, state.force[0], np.zeros(3), point, self._last_body, wrench)
             data.qfrc_applied += wrench
         if self._level_varies:
-            # the torque through the gear: what the links need at the present acceleration
-            state.load = self._bodies.inverse_dynamics(state.q, state.dq, state.ddq)
+            load_gears(state, self._stages, self._bodies)
             apply_all(state, self._stages[Stage.FRICTION])
             level = (state.warmth * state.level)[0]
             for j in self._presliding:
@@ -244,7 +241,7 @@ class Plant:
             self.model.dof_damping[self._dof] = self._damping * state.warmth[0]
         state.tau[:] = 0.0
         if self._needs_load:
-            state.load = self._bodies.inverse_dynamics(state.q, state.dq, state.ddq)
+            load_gears(state, self._stages, self._bodies)
         state.memory = self._memory
         apply_all(state, steps[Stage.MOTOR])
         data.qfrc_applied[self._dof] -= state.tau[0]

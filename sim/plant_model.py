@@ -16,6 +16,7 @@ from sim.errors import ConfigError
 from sim.instant import apply_all
 from sim.mjcf import TWIST, plant_text, twists
 from sim.model import no_callback
+from sim.prediction import Stages, put_load
 from sim.rigid_body import RigidBody
 from sim.slip import slip_direction
 from sim.torque_path import PathState
@@ -58,11 +59,18 @@ def twist_gears(
     mujoco.mj_forward(model, data)
 
 
-def along(one: PathState, way: np.ndarray, bodies: RigidBody) -> PathState:
-    """Path of one instant, repeated with the motors at each of `way` (K, n) rad that led up to it, with the links' load at it."""
+def load_gears(state: PathState, stages: Stages, bodies: RigidBody) -> None:
+    """Set the load on the gears at one instant: what links, external forces, springs and couplings need at its acceleration."""
+    put_load(state, stages, bodies)
+    apply_all(state, stages[Stage.JOINT])
+
+
+def along(one: PathState, way: np.ndarray, stages: Stages, bodies: RigidBody) -> PathState:
+    """Path of one instant, repeated with the motors at each of `way` (K, n) rad that led up to it, with the load at it."""
+    load_gears(one, stages, bodies)
     every: dict[str, Any] = {k: np.repeat(v, len(way), axis=0) for k, v in vars(one).items() if v is not None}
     state = PathState(**every)
-    state.q_motor, state.load = way, bodies.inverse_dynamics(state.q, state.dq, state.ddq)
+    state.q_motor = way
     return state
 
 

@@ -64,13 +64,18 @@ def link_side(arm: Arm, motion: Trajectory, stages: Stages, warming: np.ndarray 
         warmth=np.ones(shape), slip=np.zeros(shape), tau=np.zeros(shape), force=np.zeros((len(t), 3)), warming=warming,
     )  # fmt: skip
     _run(state, stages, Stage.ENCODER)
-    bodies = RigidBody(arm)
-    state.load += bodies.inverse_dynamics(state.q, state.dq, state.ddq)
+    put_load(state, stages, RigidBody(arm))
+    return state
+
+
+def put_load(state: PathState, stages: Stages, bodies: RigidBody) -> None:
+    """Set the load to what links and external forces need along the path: stages RIGID and FORCE."""
+    state.load[:] = bodies.inverse_dynamics(state.q, state.dq, state.ddq)
     if stages[Stage.FORCE]:
+        state.force[:] = 0.0
         _run(state, stages, Stage.FORCE)
         linear, _ = bodies.jacobian(state.q)
         state.load -= np.einsum("kcj,kc->kj", linear, state.force)
-    return state
 
 
 def motor_side(state: PathState, stages: Stages, width: np.ndarray | None = None, lead: np.ndarray | None = None) -> None:

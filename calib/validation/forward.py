@@ -107,9 +107,9 @@ def forward_error(arm: Arm, m: Measurement, horizon: Horizon = SHORT, loop: Arm 
             warming = None if m.warming is None else m.warming[k]
             plant.reset(tr.q[k], tr.dq[k], tr.q[_turned(m, k) : k], float(tr.t[k] - tr.t[0]), warming)
             for i in range(k, k + steps):
-                # torque at the middle of the step
-                tau = 0.5 * (torque[i] + torque[i + 1])
-                plant.command(tr.q[i], tr.dq[i], tau, stiffness, damping)
+                # all held for one period, so taken at its middle: the closed loop would otherwise follow half a period late
+                q, dq, tau = (0.5 * (x[i] + x[i + 1]) for x in (tr.q, tr.dq, torque))
+                plant.command(q, dq, tau, stiffness, damping)
                 plant.advance(1 / m.rate)
                 if horizon.closed or i == k + steps - 1:
                     errors.append(plant.encoder() - tr.q[i + 1])

@@ -172,3 +172,13 @@ def test_a_mock_of_sensors_that_nobody_stated_is_as_noisy_as_a_drive(tmp_path, s
     if not stated:
         assert tau.std(axis=0) == pytest.approx([0.0075 * x for x in (26.2, 18.7, 6.2)], rel=0.2)
     assert arm.sensors.torque_noise == [0.0] * 3, "the tool knows of none"
+
+
+@pytest.mark.parametrize("period", [0.0025, 1 / 188.7, 0.0205, 0.0004, 0.002])
+def test_time_advances_by_the_period_whatever_the_timestep(period):
+    plant = Plant(load_arm("ur5e"))
+    plant.reset(HOME)
+    for _ in range(40):
+        plant.advance(period)
+    assert plant.time == pytest.approx(40 * period, rel=1e-9)
+    assert plant.model.opt.timestep <= plant.timestep * (1 + 1e-9)

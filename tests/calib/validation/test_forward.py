@@ -146,3 +146,33 @@ def test_dry_friction_begins_as_the_motion_left_it(ur5e: Arm, direction: float, 
         applied.append(plant.data.qfrc_applied[plant.model.joint(joint).dofadr[0]])
     assert applied[0] == pytest.approx(-2 * level * direction, rel=0.02)
     assert abs(applied[1]) < 0.5 * level
+
+
+@pytest.mark.parametrize("rate", [400.0, 188.7, 48.8])
+def test_the_error_of_the_right_arm_does_not_depend_on_the_rate(ur5e: Arm, rate: float) -> None:
+    """Rates whose period is no whole number of milliseconds, and so slow that a held target would lag."""
+    errors = []
+    for sampled in (500.0, rate):
+        m = prepare(recorded(ur5e, fourier_motion(ur5e, 1, seconds=8.0, rate=sampled), noise=0.0), ur5e)
+        errors.append([forward_error(ur5e, m, horizon).flange for horizon in FEW])
+    assert np.all(np.array(errors[1]) < 2.0 * np.array(errors[0]))
+
+
+@pytest.mark.parametrize(
+    ("effect", "parameters"),
+    [
+        ("joint_spring", {"stiffness": 20.0, "rest_angle": 0.0}),
+        ("torque_ripple", {"amplitude": 8.0, "cycles": 3.0, "phase": 0.0}),
+        ("tool_force", {"force_x": 0.0, "force_y": 0.0, "force_z": -30.0}),
+    ],
+)
+def test_friction_under_load_feels_whatever_loads_the_gear(ur5e: Arm, effect: str, parameters: dict[str, float]) -> None:
+    """Springs, ripple and forces load a gear as links do, in the simulation as in the prediction of torque."""
+    elbow = "elbow_joint"
+    beside = with_effect(ur5e, ArmEffect(effect, elbow if effect_named(effect).scope == "joint" else None, parameters))
+    both = with_effect(beside, ArmEffect("load_dependent_friction", elbow, {"coefficient": 0.1}))
+    motion, error = fourier_motion(ur5e, 1, seconds=8.0), {}
+    for arm in (beside, both):
+        m = prepare(recorded(arm, motion, noise=0.0), arm)
+        error[arm is both] = forward_error(arm, m, replace(SHORT, windows=12), ur5e).angle[2]
+    assert error[True] < 2.0 * error[False]
