@@ -76,7 +76,7 @@ class Normal:
             return np.sqrt(rest / self.rows[:, None]), theta / self.norm[:, :, None]
 
     def own(self, y: np.ndarray) -> np.ndarray:
-        """(n,) residual RMS of each joint on its own column of y (R, n)."""
+        """(n,) share of its own column of y (R, n) that each joint leaves."""
         return own_of([(self, y)])[0]
 
 
@@ -133,7 +133,10 @@ def normal(s: Signals, tau: np.ndarray) -> Normal:
 
 
 def own_of(pairs: Sequence[tuple[Normal, np.ndarray]]) -> list[np.ndarray]:
-    """For each pair of equations and readings y (R, n): (n,) residual RMS of each joint on its own column. All are solved at once."""
+    """For each pair of equations and readings y (R, n): (n,) share of its own column that each joint leaves. All are solved at once.
+
+    A share and not an RMS: with other motion columns other rows count, and where a joint stands its torque is small, whatever it means.
+    """
     right, power = [], []
     for equations, y in pairs:
         for j, (rows, x) in enumerate(equations.x):
@@ -144,7 +147,7 @@ def own_of(pairs: Sequence[tuple[Normal, np.ndarray]]) -> list[np.ndarray]:
     sides[~np.isfinite(sides)] = 0.0
     rest = nonnegative(np.concatenate([equations.gram for equations, _ in pairs]), sides, np.array(power)[:, None])[1][:, 0]
     with np.errstate(invalid="ignore", divide="ignore"):
-        left = np.sqrt(rest / np.concatenate([equations.rows for equations, _ in pairs]))
+        left = np.sqrt(rest / np.where(np.array(power) > 0, power, np.nan))
     return list(left.reshape(len(pairs), -1))
 
 

@@ -190,7 +190,7 @@ def _candidates(arm: Arm, s: Signals, shifts: Sequence[float]) -> Iterator[GainS
     n = s.n
     table = equations.left(np.concatenate([s.load, -s.load, *s.late], axis=1))
     at = np.arange(n)
-    base, size = table[at, at], equations.own(s.load)
+    base = table[at, at]
     for j in range(n):
         yield GainStep(Correction("sign", "tau", (j,)), _gain(base[j], table[j, n + j]))
     for i, j in itertools.combinations(range(n), 2):
@@ -221,7 +221,7 @@ def _candidates(arm: Arm, s: Signals, shifts: Sequence[float]) -> Iterator[GainS
             ways.append((Correction("zero", "q", (j,), angle), at))
             pairs.append((_of_motion(arm, s, ways[-1][0]), s.load))
     for (correction, order), left in zip(ways, own_of(pairs), strict=True):
-        yield GainStep(correction, _gain(size, left[order]))
+        yield GainStep(correction, _gain(base, left[order]))
 
 
 def _of_motion(arm: Arm, s: Signals, c: Correction) -> Normal:

@@ -27,6 +27,7 @@ from calib.measurement.reversals import reversal_rows, reverses_often
 from calib.regression.stored import Kept, digest_of
 from logs import Log, Pieces
 from sim.arm import Arm
+from sim.own_values import values_of
 from sim.prediction import torque_path
 
 Progress = Callable[[str, float], None]
@@ -150,11 +151,13 @@ def survey(logs: Sequence[Log]) -> list[int]:
 
 
 def measure(log: Log, arm: Arm, cutoff: float | None = None) -> Measurement:
-    """The measurement in a log, minus the torque of those effects of the arm that the fit does not estimate.
+    """The measurement in a log over the arm's torque gain, minus the torque of those effects of the arm that the fit does not estimate.
 
     A motion that repeats itself is averaged over its periods.
     """
     m = averaged(prepare(log, arm, cutoff))
+    m = replace(m, tau=m.tau / values_of(arm, "torque_gain", "gain", 1.0))
+    arm = replace(arm, effects=tuple(e for e in arm.effects if e.effect != "torque_gain"))
     others = [e for e in arm.effects if e.effect not in LINEAR_EFFECTS]
     if not others:
         return m

@@ -64,6 +64,7 @@ def calibrated_arm(
         kind: np.array([possible.theta[model.friction_column(kind, j)] for j in range(n)])
         for kind in ("viscous", "coulomb", "offset")
     }
+    own["offset"] *= model.gain
     tree = replace(
         arm.tree,
         mass=np.array([m for m, _, _ in links]),
@@ -74,6 +75,7 @@ def calibrated_arm(
         frictionloss=own["coulomb"],
     )
     known = {kind: [float(std[model.friction_column(kind, j)]) for j in range(n)] for kind in own}
+    known["offset"] = (np.array(known["offset"]) * model.gain).tolist()
     # a reflected inertia that is a base parameter by itself has its own standard deviation
     alone = {name: float(s) for name, s in zip(model.names, std, strict=True) if name.startswith("Ia_")}
     effects = []

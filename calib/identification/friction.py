@@ -62,9 +62,11 @@ def as_prior(sweeps: list[Sweep], model: TorqueModel) -> Prior:
     """The sweeps as a prior of the model's friction columns."""
     prior = Prior.none(model.p)
     for s in sweeps:
-        index = [model.friction_column(kind, s.joint) for kind in FRICTION]
-        prior.mean[index] = s.mean
-        prior.precision[np.ix_(index, index)] = np.linalg.inv(s.covariance)
+        # the weight on a slide is as constant as an offset: its sweep shows their sum, which is no prior of either
+        kinds = FRICTION[: FRICTION.index("offset")] if model.arm.tree.prismatic[s.joint] else FRICTION
+        index = [model.friction_column(kind, s.joint) for kind in kinds]
+        prior.mean[index] = s.mean[: len(kinds)]
+        prior.precision[np.ix_(index, index)] = np.linalg.inv(s.covariance[: len(kinds), : len(kinds)])
     return prior
 
 

@@ -20,7 +20,7 @@ def gap(
     after: np.ndarray,
     noise: np.ndarray | None = None,
 ) -> Gap:
-    """Residual RMS of the filtered torque with the nominal parameters and with `after` (p,).
+    """Residual RMS of the filtered torque reading with the nominal parameters and with `after` (p,).
 
     rows: per joint the rows [A_j b_j] that a fit uses; apart: those near reversals, which count in all but `sliding`. A joint
     without other rows keeps them there too.
@@ -33,7 +33,7 @@ def gap(
 
     def rms(theta: np.ndarray, of: Sequence[InformationMatrix]) -> np.ndarray:
         squares = np.array([x.squares(np.append(-theta[u], 1.0)) for x, u in zip(of, used, strict=True)])
-        return np.sqrt(squares / [x.rows or np.nan for x in of])
+        return model.gain * np.sqrt(squares / [x.rows or np.nan for x in of])
 
     before, left, sliding = rms(model.nominal(), rows), rms(after, rows), rms(after, slid)
     total, mean = (
@@ -44,7 +44,7 @@ def gap(
         logs=tuple(names),
         before=before,
         after=left,
-        signal=np.sqrt(np.maximum(total - mean**2, 0.0)),
+        signal=model.gain * np.sqrt(np.maximum(total - mean**2, 0.0)),
         rows=count,
         before_ampere=None if constant is None else before / constant,
         after_ampere=None if constant is None else left / constant,

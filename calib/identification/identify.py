@@ -98,7 +98,7 @@ def identify(
     theta, tight = solution.theta, solution.tight
     if not (laws or solution.regularised):  # the others already use the nominal arm
         theta, tight = drawn_to_nominal(arm, model, theta, tight)
-    kept_rows = RegressorRows(model, held, {k: reversal_rows(m, arm) for k, m in enumerate(held)})
+    kept_rows = RegressorRows(model, held, {k: reversal_rows(m, arm) & ~fit.often for k, m in enumerate(held)})
     progress("physically consistent inertias", 0.0)
     pi0 = full_nominal(arm, model)
     possible = possible_arm(model, theta, tight, pi0, options.gamma, options.masses_only)
@@ -117,8 +117,8 @@ def identify(
         seen_not = plain(kept_rows), plain(kept_rows, apart=True)
         unseen = gap(model, *seen_not, [m.name for m in held], possible.theta, noise_between_periods(held))
     if laws and laws.effects:
-        training = _with_laws(training, model, fit.measurements, laws, possible.theta)
-        unseen = unseen and _with_laws(unseen, model, held, laws, possible.theta)
+        training = _with_laws(training, model, fit.measurements, laws, possible.theta, fit.often)
+        unseen = unseen and _with_laws(unseen, model, held, laws, possible.theta, fit.often)
     excluded = [*fit.excluded, *[(m.name, e) for m in held for e in m.excluded]]
     result = FitResult(
         arm=arm.name,
@@ -167,13 +167,15 @@ def _leaves_no_more(arm: Arm, fit: BaseFit, laws: Laws) -> bool:
     other = gap(fit.model, fit.sums.plain, fit.sums.apart, (), fit.solution.theta)
     left = gap(fit.model, fit.sums.plain, fit.sums.apart, (), laws.theta)
     if laws.effects:
-        left = _with_laws(left, fit.model, fit.measurements, laws, laws.theta)
+        left = _with_laws(left, fit.model, fit.measurements, laws, laws.theta, fit.often)
     return not np.any(np.asarray(left.after) > MORE * np.asarray(other.after))
 
 
-def _with_laws(of: Gap, model: TorqueModel, measurements: Sequence[Measurement], laws: Laws, theta: np.ndarray) -> Gap:
+def _with_laws(
+    of: Gap, model: TorqueModel, measurements: Sequence[Measurement], laws: Laws, theta: np.ndarray, often: np.ndarray
+) -> Gap:
     """The gap after the friction laws' torque is subtracted; the residual of the nominal arm stays unchanged."""
     few = without_laws(measurements, laws.effects, model.arm)
-    rows = RegressorRows(model, few, {k: reversal_rows(m, model.arm) for k, m in enumerate(few)})
+    rows = RegressorRows(model, few, {k: reversal_rows(m, model.arm) & ~often for k, m in enumerate(few)})
     after = gap(model, plain(rows), plain(rows, apart=True), of.logs, theta)
     return replace(of, after=after.after, sliding=after.sliding, after_ampere=after.after_ampere)

@@ -35,6 +35,11 @@ class TorqueModel:
         body = RigidBody(arm)
         return TorqueModel(arm, body, body.base(), np.full(arm.n, SLIP_WIDTH))
 
+    @property
+    def gain(self) -> np.ndarray:
+        """(n,) gain of the arm's torque readings. Parameters are those of the joint's torque: (reading - torque_offset) / gain."""
+        return values_of(self.arm, "torque_gain", "gain", 1.0)
+
     def with_slip_width(self, width: np.ndarray) -> TorqueModel:
         """The same model with other slip widths."""
         return replace(self, slip_width=np.asarray(width, dtype=float))
@@ -127,7 +132,7 @@ class TorqueModel:
         )
 
     def nominal(self) -> np.ndarray:
-        """theta (p,) of the arm's own numbers: links, rotor_inertia, viscous and coulomb friction, torque_offset."""
+        """theta (p,) of the arm's own numbers: links, rotor_inertia, viscous and coulomb friction, torque_offset over torque_gain."""
         arm = self.arm
         rotor, viscous, coulomb, offset = (
             values_of(arm, *of)
@@ -135,7 +140,7 @@ class TorqueModel:
                 ("rotor_inertia", "inertia"), ("viscous_friction", "viscous"), ("coulomb_friction", "coulomb"), ("torque_offset", "offset"),
             )
         )  # fmt: skip
-        own = np.stack([viscous, coulomb, offset], axis=1).ravel()
+        own = np.stack([viscous, coulomb, offset / self.gain], axis=1).ravel()
         return np.concatenate([self.base.projection @ np.concatenate([self.body.parameters(), rotor]), own])
 
 

@@ -11,7 +11,7 @@ A weight put on the flange does the same. A change that a weight explains counts
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -53,10 +53,12 @@ class Push:
 class Standing:
     """Detector of pushes: `add` takes every sample of an arm and returns a push once it is certain, and again once it is over.
 
-    A push that may be a weight is returned only once it is over.
+    A push that may be a weight is returned only once it is over. gravity (3,) m/s^2: the mounting, by default the arm's.
     """
 
-    def __init__(self, arm: Arm) -> None:
+    def __init__(self, arm: Arm, gravity: np.ndarray | None = None) -> None:
+        if gravity is not None:
+            arm = replace(arm, tree=replace(arm.tree, gravity=np.asarray(gravity, dtype=float)))
         self._arm = arm
         self._known = any(_states_friction(arm, joint) for joint in arm.joint_names)
         self._bodies = RigidBody(arm)

@@ -14,6 +14,7 @@ from calib.watch.kernels import slip_on
 from sim.arm import Arm
 from sim.own_values import values_of
 from sim.prediction import by_stage
+from sim.rigid_body import RigidBody
 from sim.slip import SLIP_WIDTH
 from sim.torque_path import PathState, Stage
 
@@ -42,10 +43,12 @@ class DriveTorque:
             + sorted({item.effect for effect, _, item in self._stages[Stage.FORCE] if effect.driven})
         )
         self._joint = self._stages[Stage.JOINT]
+        self._forces = [x for x in self._stages[Stage.FORCE] if not x[0].driven]
+        self._bodies = RigidBody(arm) if self._forces else None
         # dry and viscous friction, which every arm has, are computed without the path; an arm with nothing else skips it
         self._friction = [x for x in self._stages[Stage.FRICTION] if x[0].name != "coulomb_friction"]
         self._motor = [x for x in self._stages[Stage.MOTOR] if x[0].name not in ("rotor_inertia", "viscous_friction")]
-        self._walked = bool(self._joint or self._friction or self._motor)
+        self._walked = bool(self._joint or self._friction or self._motor or self._forces)
         self._offset, self._gain = np.zeros(n), np.ones(n)
         state = _path(np.zeros(2), np.zeros((2, n)), np.zeros((2, n)))
         state.tau[1] = 1.0
@@ -73,15 +76,19 @@ class DriveTorque:
         state = _path(t, q, dq)
         state.memory = self._memory
         state.level += self.coulomb
-        if self._joint or self._friction or self._motor:
-            state.load[:] = gravity
+        state.load[:] = gravity
+        if self._bodies is not None:
+            for effect, joint, item in self._forces:
+                effect.apply(state, joint, item.parameters)
+            linear, _ = self._bodies.jacobian(q)
+            state.load -= np.einsum("kcj,kc->kj", linear, state.force)
         for effect, joint, item in self._joint:
             effect.apply(state, joint, item.parameters)
         for effect, joint, item in self._friction:
             effect.apply(state, joint, item.parameters)
         state.slip[:] = self._slipping(q, state.width)
         state.tau[:] = state.warmth * (state.level * state.slip + self.viscous * dq)
-        if self._joint:
+        if self._joint or self._forces:
             state.tau += state.load - gravity
         for effect, joint, item in self._motor:
             effect.apply(state, joint, item.parameters)

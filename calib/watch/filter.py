@@ -23,6 +23,7 @@ from sim.tree import GRAVITY
 MEMORY = 0.4  # s; residuals of an identified UR10e have lost half their correlation after 0.3 s
 SLOWEST = 0.02  # rad/s: below it, dry friction is not known
 PAYLOAD_WALK = 0.004  # of the mass scale per sqrt(s): about ten seconds are remembered
+SMALL = 0.1  # least share of a joint's friction that is taken as the size of its dry or viscous part
 FRICTION_WALK = 0.006  # of the friction per sqrt(s)
 REVERSAL_DOUBT, REVERSAL_SPEED = (
     0.15,
@@ -95,8 +96,9 @@ class TorqueFilter:
         # (n,); for the other joints `dry` is only a guess at its size
         self.states_dry, states_wet = (coulomb > 0) & ~nobody["coulomb"], (viscous > 0) & ~nobody["viscous"]
         friction = np.where(self.states_dry & states_wet, coulomb + viscous * cruise, 10 * torque)
-        self.dry = np.where(self.states_dry, coulomb, 0.3 * friction)
-        self.wet = np.where(states_wet, viscous, 0.3 * friction / cruise)
+        # a part that the arm states as almost nothing may still grow: its size is not that of the statement
+        self.dry = np.where(self.states_dry, np.maximum(coulomb, SMALL * friction), 0.3 * friction)
+        self.wet = np.where(states_wet, np.maximum(viscous, SMALL * friction / cruise), 0.3 * friction / cruise)
         self.payload, self.coulomb, self.viscous, self.unknown = (
             slice(0, 4),
             slice(4, 4 + n),

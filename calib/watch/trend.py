@@ -12,6 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize import brentq
 from scipy.special import stdtr, stdtrit
 
 from calib.watch.trend_table import RECORDED, RunRecord
@@ -85,16 +86,31 @@ def _slope(
     y = np.column_stack(columns)
     if len(days) < y.shape[1] + 2 or np.linalg.matrix_rank(y) < y.shape[1]:
         return Slope(joint, kind, runs, level, None, None, lacks="runs")
-    scatter, freedom = 0.0, len(days) - y.shape[1]
-    for _ in range(5):
-        weight = 1 / (std**2 + scatter)
-        normal = np.linalg.inv(y.T @ (weight[:, None] * y))
-        beta = normal @ (y.T @ (weight * value))
-        left = value - y @ beta
-        scatter = max(0.0, float(np.sum(left**2) / freedom - np.mean(std**2)))
+    freedom = len(days) - y.shape[1]
+    beta, normal = _weighted(y, value, std**2 + _scatter(y, value, std**2))
     std_slope = float(np.sqrt(normal[1, 1]))
     half = float(stdtrit(freedom, 0.975)) * std_slope
     wears = bool(2 * stdtr(freedom, -abs(beta[1]) / std_slope) < CHANCE)
     unit = 100.0 / level if level != 0 else np.nan
     low, high = sorted(((beta[1] - half) * unit, (beta[1] + half) * unit))
     return Slope(joint, kind, runs, level, float(beta[1] * unit), (float(low), float(high)), wears)
+
+
+def _weighted(y: np.ndarray, value: np.ndarray, variance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Coefficients (k,) of columns y (R, k) in value (R,) of that variance (R,), and their covariance."""
+    covariance = np.linalg.inv(y.T @ (y / variance[:, None]))
+    return covariance @ (y.T @ (value / variance)), covariance
+
+
+def _scatter(y: np.ndarray, value: np.ndarray, variance: np.ndarray) -> float:
+    """Variance s of run-to-run scatter beside each run's own: sum left^2 / (variance + s) = R - k, and 0 if the runs scatter less.
+
+    R. C. Paule and J. Mandel (1982), doi:10.6028/jres.087.022. One imprecise run has little weight in it.
+    """
+
+    def excess(s: float) -> float:
+        beta, _ = _weighted(y, value, variance + s)
+        return float(np.sum((value - y @ beta) ** 2 / (variance + s))) - (len(value) - y.shape[1])
+
+    most = float(np.sum((value - value.mean()) ** 2)) + 1e-300
+    return 0.0 if excess(0.0) <= 0.0 or excess(most) >= 0.0 else float(brentq(excess, 0.0, most, xtol=1e-9 * most))

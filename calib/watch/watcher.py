@@ -46,7 +46,7 @@ class Watcher:
         self._load = LoadWatch(arm, self._filter, known)
         self._wear = WearWatch(arm, self._filter, drives.coulomb, drives.viscous)
         self._validity = ValidityWatch(arm, self._filter)
-        self._standing = Standing(arm)
+        self._standing = Standing(arm, gravity)
         self._push = np.nan  # start of the push that was reported last
         self._temperature = np.full(arm.n, np.nan)
         self._reported_at: dict[Kind, float] = {}

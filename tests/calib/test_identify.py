@@ -17,7 +17,9 @@ from calib.identification.identify import identify
 from calib.identification.law import Laws
 from calib.identification.least_squares import ordinary
 from calib.identification.model import TorqueModel
-from sim.arm import Arm, load_arm
+from calib.validation.validate import checked
+from sim.arm import Arm, ArmEffect, load_arm
+from sim.effects import with_effect
 from sim.errors import BadLog
 from sim.rigid_body import RigidBody
 from sim.trajectory import Trajectory
@@ -144,3 +146,15 @@ def test_real_recordings_reach_the_baseline(tmp_path: Path, capsys: pytest.Captu
     assert result["holdout"]["logs"] == [Path(x).name for x in held]
     assert load_arm(out / "arm").n == 6
     assert (out / "report.html").is_file()
+
+
+def test_a_gain_of_the_reading_does_not_scale_what_the_fit_changes(ur5e: Arm) -> None:
+    """The arm's own gain applies to the fitted torque once: what identify reports is what the written arm leaves."""
+    gain = ArmEffect("torque_gain", "shoulder_lift_joint", {"gain": 1.5})
+    truth = with_effect(varied(ur5e, 3, 0.10), gain)
+    logs = [recorded(truth, fourier_motion(ur5e, seed, seconds=20.0, rate=125.0), noise=0.3) for seed in (1, 2, 4)]
+    found = identify(with_effect(ur5e, gain), logs[:2], [logs[2]], Options(laws=False))
+    assert found.result.holdout is not None
+    left = checked(found.arm, logs[2], None).residual
+    assert np.asarray(found.result.holdout.after) == pytest.approx(left, rel=0.02)
+    assert left[1] < 1.2 * checked(truth, logs[2], None).residual[1]

@@ -9,6 +9,7 @@ import pytest
 
 from benchmarks.known_truth import fourier_motion, recorded
 from benchmarks.wrong_data import within
+from calib.excitation.sweeps import friction_sweeps
 from calib.gate import gate
 from calib.gate.correction import Correction
 from calib.gate.motion import speed
@@ -96,3 +97,18 @@ def test_a_spring_of_the_one_joint_that_moves_exchanges_no_columns_of_those_that
     stuck = np.where(np.arange(arm.n) == 2, 0.0, 0.8 * np.array(dry))
     sweep = recording(arm, 12, lambda motion, tau: spring(motion, tau) + stuck, only=2)
     assert gate(arm, [sweep]).refusal is None
+
+
+@pytest.mark.parametrize("name", ["ur5e", "servo6"])
+def test_joints_that_move_one_after_the_other_are_not_taken_for_exchanged(name: str) -> None:
+    """While one joint moves, the torque of the others is noise: that it is small must not count for a wrong reading."""
+    arm = load_arm(name)
+    home = np.array([0.0, -1.2, 1.3, -1.4, -1.2, 0.3])
+    speeds = np.outer(0.6 * arm.dq_max, [0.05, 0.1, 0.2, 0.4, 0.8])
+    sweeps = friction_sweeps(arm, home, low=home - 1, high=home + 1, speeds=speeds, cruise=1.2, rate=200.0)
+    log = recorded(arm, sweeps, 1)
+    assert gate(arm, [log]).refusal is None
+    crossed = np.array([5, 1, 2, 3, 4, 0])
+    refusal = gate(arm, [replace(log, q=log.q[:, crossed], dq=log.dq[:, crossed])]).refusal
+    assert refusal is not None
+    assert "the motion columns of shoulder_pan_joint and wrist_3_joint are swapped" in refusal

@@ -72,6 +72,14 @@ def test_what_may_be_no_push_is_none(arm: Arm, what: str, log: object) -> None:
     assert pushes(arm, log(arm)) == [], what  # type: ignore[operator]
 
 
+def test_a_weight_is_one_under_the_mounting_that_the_device_states(arm: Arm) -> None:
+    """The arm hangs from the ceiling, which its file does not say: a weight there pulls towards its base's -z, downwards."""
+    ceiling = replace(arm, tree=replace(arm.tree, gravity=-arm.tree.gravity))
+    log = standing(ceiling, -WEIGHT, end=20.0)
+    for watch, found in ((Standing(arm, ceiling.tree.gravity), 0), (Standing(arm), 1)):
+        assert sum(watch.add(t, q, tau) is not None for t, q, tau in zip(log.t, log.q, log.tau, strict=True)) == found
+
+
 def test_a_force_that_stays_and_is_no_weight_lasts_to_the_end(arm: Arm) -> None:
     (push,) = pushes(arm, standing(arm, SIDEWAYS, end=20.0))
     assert push.end == pytest.approx(SECONDS, abs=0.1)

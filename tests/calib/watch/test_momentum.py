@@ -40,6 +40,13 @@ def test_nothing_is_left_of_the_arms_own_torque(ur10e: Arm) -> None:
     assert all(r.sliding.any() for r in rows[5:])
 
 
+def test_a_force_of_the_arm_itself_is_no_payload(ur10e: Arm) -> None:
+    hose = with_effect(ur10e, ArmEffect("tool_force", None, {"force_x": 5.0, "force_y": 0.0, "force_z": -15.0}))
+    motion = swing(6)
+    left = np.array([np.where(r.sliding, r.residual, 0.0) for r in balance(hose, motion, predict(hose, motion))])
+    assert np.abs(left).max() < 0.05
+
+
 def test_a_payload_is_its_row_times_its_parameters(ur10e: Arm) -> None:
     motion, m, c = swing(6), 2.0, np.array([0.03, -0.02, 0.1])
     heavy = with_effect(ur10e, ArmEffect("payload", None, {"mass": m, "com_x": c[0], "com_y": c[1], "com_z": c[2]}))
