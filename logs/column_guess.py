@@ -15,6 +15,8 @@ from logs.unit_guess import integer_unit, speeds, time_unit, turns, unit_of
 from logs.units import TIME, UNITS
 from sim.errors import BadLog
 
+RATE_OFF = 0.1  # a rate of the data sheet and one with lost samples differ by less
+
 
 @dataclass(frozen=True)
 class Stated:
@@ -136,6 +138,22 @@ def _time(table: Table, doubts: list[str]) -> tuple[str, str]:
     return name, time_unit(table, name, doubts)
 
 
+def require_rate(table: Table, rate: float) -> None:
+    """BadLog if a column of times contradicts a rate in Hz by more than RATE_OFF, in the mean and in the median."""
+    try:
+        name, unit = _time(table, [])
+    except BadLog:
+        return
+    t = table.columns[name].astype(float) * TIME[unit]
+    t = t[np.isfinite(t)]
+    periods = np.array([np.median(np.diff(t)), (t[-1] - t[0]) / (len(t) - 1)])
+    if np.all(np.abs(periods * rate - 1.0) > RATE_OFF):
+        raise BadLog(
+            f"a rate of {rate:g} Hz contradicts column {name}, whose {len(t)} times span {t[-1] - t[0]:.3f} s ({1 / periods[1]:.4g} Hz); leave --rate "
+            f"out, or write rate = {rate:g} to [time] of a map file (--map) if {name} is not the time"
+        )
+
+
 def _rises(x: np.ndarray) -> bool:
     x = x[np.isfinite(x)]
     return len(x) > 1 and x[-1] > x[0] and bool(np.mean(np.diff(x) >= 0) > 0.9)
@@ -150,7 +168,8 @@ def _joint_names(keys: list[str], wanted: Sequence[str] | None, doubts: list[str
     if wanted is not None:
         raise BadLog(
             f"the file has positions of {len(keys)} joints ({', '.join(keys[:12])}) and the arm has {len(wanted)} "
-            f"({', '.join(wanted[:12])}); say which are the arm's: --column q=NAME,NAME,... (leave out grippers)"
+            f"({', '.join(wanted[:12])}); say which are the arm's: --column q=NAME,NAME,... (leave out grippers); "
+            "if a joint of the arm was locked and is not in the file, make an arm without it: `calib arm new MODEL --lock JOINT=ANGLE`"
         )
     if keys == [""]:
         return ("joint1",)

@@ -127,6 +127,12 @@ def _columns(name: str, data: Any, n: int, where: str) -> Columns:
     columns = _strings(data.get("columns"), f"{where} columns")
     if len(columns) != n:
         raise ConfigError(f'{where} columns: {len(columns)} names for {n} joints; give one for each, "" where there is none')
+    absent = [k for k, column in enumerate(columns, 1) if not column]
+    if name == "q" and absent:
+        raise ConfigError(
+            f"{where} columns: joint {absent[0]} has no column; a log needs the position of every joint. For a joint that was locked, make an arm "
+            "without it: `calib arm new MODEL --lock JOINT=ANGLE`"
+        )
     factor = data.get("factor", 1.0)
     factors = [_number(x, f"{where} factor") for x in (factor if isinstance(factor, list) else [factor] * n)]
     if len(factors) != n or not all(math.isfinite(x) and x != 0 for x in factors):

@@ -63,6 +63,8 @@ def read_log(path: str | Path, joint_names: Sequence[str] | None = None, *, acce
         return _reordered(read_csv(path, accept_partial), wanted, damage)
     if head.startswith((SQLITE, ROSBAG1)):
         return read_bag(path, wanted, damage)
+    if head.startswith(b"\x1f\x8b"):
+        raise damage.refuse("byte 0", "compressed with gzip", f"unpack it first: gunzip --keep {path.name}")
     if path.suffix.lower() in OWN_HEADS:
         raise damage.refuse(
             "byte 0", f"not a {path.suffix} file, whatever its name: it begins as no recording does",

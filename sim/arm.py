@@ -122,6 +122,8 @@ def load_arm(reference: str | Path, configs: Path | None = None) -> Arm:
         return _folder(path)
     if path.suffix.lower() == ".toml":
         raise ConfigError(f"{reference}: there is no such file; `calib init` writes a cell")
+    if path.is_file():
+        raise ConfigError(f"{reference}: a model file ends in .xml, .mjcf or .urdf; expand a .xacro file with `xacro` first")
     known = sorted({p.parent.name for folder in config_folders(configs, "arms") for p in folder.glob("*/arm.toml")})
     known += sorted(plugins("arms"))
     raise UnknownArm(

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from sim.errors import ConfigError
 from sim.tree import KinematicTree, combined
 
 ROWS = ("parent", "rotation", "position", "axis", "prismatic", "mass", "com", "inertia", "armature", "damping", "frictionloss")
@@ -47,3 +49,13 @@ def locked(tree: KinematicTree, held: Mapping[str, float]) -> KinematicTree:
         joint_names=tuple(tree.joint_names[j] for j in kept), link_names=tuple(tree.link_names[j] for j in kept),
         shapes=tuple(replace(s, link=place[s.link]) for s in shapes),
     )  # fmt: skip
+
+
+def require_within(file: Path, tree: KinematicTree, held: Mapping[str, float]) -> None:
+    """ConfigError for a joint that is to stand outside its range, as an angle in degrees would make it."""
+    for joint, value in held.items():
+        low, high = (float(limit[tree.joint_names.index(joint)]) for limit in (tree.q_min, tree.q_max))
+        if value < low or value > high:
+            raise ConfigError(
+                f"{file}: --lock {joint}={value:g} is outside its range of {low:g} to {high:g} (rad or m; is it in degrees?)"
+            )

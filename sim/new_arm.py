@@ -18,7 +18,7 @@ from sim.enclosing import with_pieces
 from sim.errors import ConfigError
 from sim.files import is_name, printable
 from sim.foreign_physics import foreign_physics
-from sim.locked import locked
+from sim.locked import locked, require_within
 from sim.mjcf_tree import tree_text
 from sim.model import compiled, kinematic_tree
 from sim.model_text import urdf_speed_limits
@@ -51,8 +51,7 @@ class Choice:
 def read_model(file: Path, staging: Path, root: Path | None = None, choice: Choice | None = None) -> tuple[Arm, list[str]]:
     """The arm in a model file, and a sentence for everything left out, held still or not found.
 
-    A URDF is first reduced to links and joints (sim.ros_urdf), its meshes copied to `staging`. ConfigError names what is
-    missing.
+    A URDF is first reduced to links and joints (sim.ros_urdf), its meshes copied to `staging`. ConfigError: what is missing.
     """
     choice = choice or Choice()
     notes: list[str] = []
@@ -119,16 +118,15 @@ def _held(
 ) -> dict[str, float]:  # fmt: skip
     """joint -> angle of each joint that stands still: those locked by name, those not chosen, and followers of another joint."""
     held = {joint: value for pattern, value in choice.lock.items() for joint in _matching(file, tree, pattern)}
+    require_within(file, tree, held)
+    free = {joint: how for joint, how in followers.items() if joint not in held}
     if choice.tool is not None:
         chain = _chain(file, tree, choice.tool, parents)
         held |= {joint: held.get(joint, 0.0) for joint in tree.joint_names if joint not in chain}
     if choice.joints:
         moving = {joint for pattern in choice.joints for joint in _matching(file, tree, pattern)}
         held |= {joint: held.get(joint, 0.0) for joint in tree.joint_names if joint not in moving}
-    locked_by_name = {joint for pattern in choice.lock for joint in _matching(file, tree, pattern)}
-    for joint, (driver, multiplier, offset) in followers.items():
-        if joint in locked_by_name:
-            continue
+    for joint, (driver, multiplier, offset) in free.items():
         held[joint] = multiplier * held.get(driver, 0.0) + offset
         notes.append(
             f"joint {joint} follows {driver}: it is held still at {held[joint]:g}, because the joints of an arm move independently here"
@@ -149,7 +147,10 @@ def _matching(file: Path, tree: KinematicTree, pattern: str) -> list[str]:
 def _chain(file: Path, tree: KinematicTree, link: str, parents: Mapping[str, str]) -> set[str]:
     """Joints between the base and a link; the link may be fixed to a moving one."""
     if link not in parents and link not in tree.link_names:
-        raise ConfigError(f"{file}: has no link {link!r}; {nearest(link, parents)}")
+        wrong = (
+            "the base, which does not move" if link in parents.values() else f"no link of the file; {nearest(link, parents)}"
+        )
+        raise ConfigError(f"{file}: {link!r} is {wrong}")
     while link not in tree.link_names and link in parents:
         link = parents[link]
     end = tree.link_names.index(link) if link in tree.link_names else -1

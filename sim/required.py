@@ -31,13 +31,13 @@ def require_masses(arm: Arm) -> None:
         )
 
 
-def require_identified(arm: Arm) -> None:
-    """ConfigError if the masses of several links are unknown: a diagnosis would compare recordings with placeholder masses.
+def require_identified(arm: Arm, otherwise: str) -> None:
+    """ConfigError if the masses of several links are unknown; otherwise: what would come of going on, for the message.
 
-    A drive on a bench has one load, which a diagnosis fits together with everything else.
+    A drive on a bench has one load, which is fitted together with everything else.
     """
     if arm.prior.numbers == "unknown" and arm.n > 1:
         raise ConfigError(
-            f"{arm.model_path}: the arm's masses are unknown, so a diagnosis would find their error and nothing else; identify them first "
-            f"(`calib identify {arm.model_path.parent} LOG...`), then diagnose the arm that identify writes"
+            f"{arm.model_path}: the arm's masses are unknown, so {otherwise}; identify them first "
+            f"(`calib identify {arm.model_path.parent} LOG...`) and use the arm that identify writes"
         )

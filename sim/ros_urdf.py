@@ -49,6 +49,7 @@ def reduced_urdf(file: Path, staging: Path, root: Path | None = None) -> Urdf:
     `without_shape`. ConfigError if the file is not readable XML.
     """
     robot = _parsed(file)
+    _check_joints(file, robot)
     out = Urdf("", staging, rotors=_rotors(robot))
     for element in list(robot):
         if element.tag not in ("link", "joint", "mujoco"):
@@ -72,6 +73,24 @@ def reduced_urdf(file: Path, staging: Path, root: Path | None = None) -> Urdf:
             joint.set("type", "fixed")
     out.text = ElementTree.tostring(robot, encoding="unicode")
     return out
+
+
+def _check_joints(file: Path, robot: Element) -> None:
+    """ConfigError for two links or joints of one name, a follower of an unknown joint, and limits in reverse order."""
+    for tag in ("link", "joint"):
+        names = [element.get("name", "") for element in robot.findall(tag)]
+        if twice := next((name for name in names if names.count(name) > 1), None):
+            raise ConfigError(f"{file}: two {tag}s are named {twice!r}; names are unique in a URDF, rename one")
+    for joint in robot.findall("joint"):
+        name, mimic, limit = joint.get("name", ""), joint.find("mimic"), joint.find("limit")
+        if mimic is not None and mimic.get("joint") not in names:
+            raise ConfigError(
+                f"{file}: joint {name} mimics {mimic.get('joint')!r}, which the file does not have; correct the name"
+            )
+        if limit is not None and joint.get("type") != "continuous" and _number(limit, "lower") > _number(limit, "upper"):
+            raise ConfigError(
+                f"{file}: joint {name} has lower = {limit.get('lower', '0')} above upper = {limit.get('upper', '0')}; exchange them"
+            )
 
 
 def _rotors(robot: Element) -> dict[str, float]:

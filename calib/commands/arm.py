@@ -102,7 +102,7 @@ def new(
         if arm.prior.numbers is None:
             console.warn("the source of the masses is unknown, so they count as guessed; state it with --numbers")
         arm = with_drives(arm, dict(numbers_of("--drive", text) for text in drives or []))
-        arm = with_springs(arm, dict(numbers_of("--spring", text) for text in springs or []))
+        arm = with_springs(arm, dict(numbers_of("--spring", text, "JOINT=K,Q0") for text in springs or []))
         _finish(arm, name, limit, torque_at, out, json, person, notes, file.name)
 
 

@@ -57,7 +57,7 @@ def command(
 
     arm = named(arm)
     subject, given = arm_and_logs(arm, log, configs)
-    require_identified(subject)
+    require_identified(subject, "a diagnosis would find their error and nothing else")
     require_unseen([*given, *(baseline or [])], holdout or [])
     require_free(out)
     with console.progress("diagnose") as advance, tempfile.TemporaryDirectory(prefix="calib-") as scratch:

@@ -11,6 +11,8 @@ from calib.run_folder import conclude, new_run
 from calib.terminal import console, options
 from sim.errors import ConfigError
 
+UNSTATED_SPEED = 1.0  # rad/s or m/s up to which the friction of a joint without a speed limit is looked at
+
 
 def _formats(incomplete: str) -> list[str]:
     from sim.export import FORMATS
@@ -69,7 +71,9 @@ def command(
         except ConfigError as error:
             formats = tuple(name for name in FORMATS if name != "urdf")
             left_out = f"no URDF: {error}"
-    driven = [found.joint for found in driving_friction(table, np.nan_to_num(table.dq_max), np.zeros(table.n))]
+    fastest = np.where(np.isfinite(table.dq_max), table.dq_max, UNSTATED_SPEED)
+    driven = [found.joint for found in driving_friction(table, fastest, np.zeros(table.n))]
+    stand_ins = table.prior.numbers == "unknown"
     folder = new_run(table, "export", out)
     files = export(table, folder, formats)
     model = exported_model(table) if "mjcf" in formats else None
@@ -89,6 +93,7 @@ def command(
                 "removed_from_mjcf": removed,
                 "not_in_urdf": outside,
                 "driven_by_friction": driven,
+                "masses_unknown": stand_ins,
             }
         )
         return
@@ -100,13 +105,18 @@ def command(
                 console.say(sentence)
     if left_out:
         console.warn(left_out)
+    if stand_ins:
+        console.warn(
+            f"the masses of {arm} are unknown: the files hold stand-ins with which no simulation is true; identify them first with "
+            f"`calib identify {arm} LOG...` and export the arm that it writes"
+        )
     if removed:
         console.warn(f"the MuJoCo model leaves out what the arm does not have: {'; '.join(removed)}")
     if outside:
         console.warn(f"the URDF leaves out what its format cannot hold: {'; '.join(outside)}")
     if driven:
         console.warn(
-            f"friction drives {', '.join(driven)} within the speed limits of {arm}, which is impossible for a passive joint: a simulation can diverge. "
+            f"friction drives {', '.join(driven)} within the speed limits of {arm} (up to {UNSTATED_SPEED:g} where none is stated), which is impossible for a passive joint: a simulation can diverge. "
             "The torque reading excludes what the controller adds, or a law is used beyond the speeds of its recordings"
         )
     console.say(f"{outcome} in {folder}.")

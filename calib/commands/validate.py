@@ -48,10 +48,12 @@ def command(
     from calib.validation.validate import validate
     from calib.verdict import Verdict
     from logs import is_log
+    from sim.required import require_identified
     from sim.units import headed
 
     arm = named(arm)
     subject, given = arm_and_logs(arm, log, configs)
+    require_identified(subject, "a validation would compare recordings with stand-ins")
     require_free(out)
     with console.progress("validate") as advance:
         logs = read_logs(given, subject, accept_partial, assume)

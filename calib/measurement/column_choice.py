@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from logs.column_guess import Stated, guess_map, numbered_joints
+from logs.column_guess import Stated, guess_map, numbered_joints, require_rate
 from logs.column_map import CALENDAR, DRIVE, ColumnMap, Columns, of_plain, read_map
 from logs.column_names import stated_unit
 from logs.log import CHANNELS
@@ -29,6 +29,8 @@ def chosen_map(
         found = read_map(map_file)
         return (replace(found, where={"episode_index": float(episode)}) if episode is not None else found), [], True
     stated = _stated(table, columns, rate)
+    if rate is not None:
+        require_rate(table, rate)
     names = tuple(part.strip() for part in joints.split(",")) if joints else joint_names
     complete = "q" in stated.channels and (stated.time is not None or stated.rate is not None)
     if complete:

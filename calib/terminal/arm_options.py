@@ -62,12 +62,16 @@ At = Annotated[
 Folder = Annotated[Path | None, typer.Option("--out", metavar="DIR", help="The arm's folder; configs/arms/NAME if not given.")]
 
 
-def numbers_of(option: str, text: str) -> tuple[str, list[float]]:
+EVERY_JOINT = "KEY=N for all joints, or KEY=N,N,... with one number per joint"
+
+
+def numbers_of(option: str, text: str, form: str = EVERY_JOINT) -> tuple[str, list[float]]:
+    """KEY=N,N,... as its key and numbers; form: what to write, for the error."""
     key, _, numbers = text.partition("=")
     try:
         return key, [float(x) for x in numbers.split(",")]
     except ValueError:
-        raise ConfigError(f"{option} {text}: write KEY=N for all joints, or KEY=N,N,... with one number per joint") from None
+        raise ConfigError(f"{option} {text}: write {form}") from None
 
 
 def locked_joint(text: str) -> tuple[str, float]:

@@ -71,7 +71,7 @@ def test_branches_and_unknown_joints_are_asked_about(gripper, tmp_path, capsys):
     assert main([*command, "--lock", "g1"]) == 2
     assert "has no joint 'g1'" in error_text(capsys)
     assert main([*command, "--tool", "handle"]) == 2
-    assert "has no link 'handle'; did you mean 'hand'" in error_text(capsys)
+    assert "'handle' is no link of the file; did you mean 'hand'" in error_text(capsys)
     assert main([*command, "--lock", "*"]) == 2
     assert "no joint is left to move" in error_text(capsys)
 
@@ -90,8 +90,13 @@ def test_masses_that_nobody_knows_are_unknown_to_every_fit(gripper, tmp_path, ca
         require_masses(arm)
     (tmp_path / "log.csv").write_text("timestamp,actual_q_0\n")
     assert main(["diagnose", str(tmp_path / "arm"), str(tmp_path / "log.csv"), "--out", str(tmp_path / "run")]) == 2
-    assert "then diagnose the arm that identify writes" in error_text(capsys)
+    assert "a diagnosis would find their error and nothing else" in error_text(capsys)
+    (tmp_path / "log.csv").write_text("timestamp,actual_q_0\n")
+    assert main(["validate", str(tmp_path / "arm"), str(tmp_path / "log.csv"), "--out", str(tmp_path / "run")]) == 2
+    assert "identify them first (`calib identify" in error_text(capsys)
     assert not (tmp_path / "run").exists()
+    assert main(["export", str(tmp_path / "arm"), "--out", str(tmp_path / "files")]) == 0
+    assert "are unknown: the files hold stand-ins with which no simulation is true" in error_text(capsys)
 
 
 def test_an_inertia_that_no_body_has_is_named_unless_it_is_not_the_arms_or_only_guessed(gripper, tmp_path, capsys):
@@ -168,7 +173,7 @@ def test_a_drive_on_a_bench_is_an_arm_of_one_joint(tmp_path):
     assert main(["arm", "drive", "free", *limits, "--joint", "m1", "--out", str(tmp_path / "f")]) == 0
     arm = load_arm(tmp_path / "f")
     assert (arm.joint_names, arm.prior.numbers) == (("m1",), "unknown")
-    require_identified(arm)  # a diagnosis fits its one load with everything else
+    require_identified(arm, "")  # a diagnosis fits its one load with everything else
     assert RigidBody(arm).inverse_dynamics(np.ones((1, 1)), np.zeros((1, 1)), np.zeros((1, 1)))[0, 0] == pytest.approx(
         0.0, abs=1e-12
     )

@@ -34,7 +34,7 @@ def test_json_names_the_files(tmp_path, capsys):
     assert main(["export", "servo6", "--format", "urdf", "--json", "--out", str(tmp_path / "out")]) == 0
     reply = json.loads(capsys.readouterr().out)
     files = [str(tmp_path / "out" / "servo6.urdf")]
-    none = {"left_out": None, "removed_from_mjcf": [], "not_in_urdf": [], "driven_by_friction": []}
+    none = {"left_out": None, "removed_from_mjcf": [], "not_in_urdf": [], "driven_by_friction": [], "masses_unknown": False}
     assert reply == {"arm": "servo6", "files": files, "effects": [], **none}
 
 

@@ -123,6 +123,12 @@ def test_options_say_what_columns_mean(table_file: Path, capsys: pytest.CaptureF
         (["--rate", "0"], "greater than or equal to 0.1"),
         (["--episode", "9" * 400], "less than or equal to 1000000"),
         (["--joints", "a,b,c", "--yes"], "positions of 2 joints"),
+        (["--rate", "100", "--yes"], "a rate of 100 Hz contradicts column stamp_ms, whose 1500 times span 2.998 s (500 Hz)"),
+        (["--rate", "100", "--column", "q=pos_deg_1,pos_deg_2:deg"], "contradicts column stamp_ms"),
+        (
+            ["--column", "time=stamp_ms:ms", "--column", "q=pos_deg_1,"],
+            "joint 2 has no column; a log needs the position of every joint",
+        ),
     ):
         assert main(["import", str(table_file), *wrong]) == 2
         assert words in capsys.readouterr().err

@@ -56,9 +56,13 @@ def test_positions_that_are_stated_by_name_in_another_order() -> None:
 
 
 def test_a_joint_without_a_column_keeps_its_place() -> None:
-    found, _, _ = chosen(["t", *joints(3, "joint{}_pos", "dq{}")], "q=joint1_pos,,joint3_pos")
-    assert found.channels["q"].columns == ("joint1_pos", "", "joint3_pos")
+    heads = ["t", *joints(3, "joint{}_pos"), "dq1", "dq3"]
+    found, _, _ = chosen(heads, "q=joint1_pos,joint2_pos,joint3_pos")
     assert found.channels["dq"].columns == ("dq1", "", "dq3")
+    with pytest.raises(
+        ConfigError, match=r"joint 2 has no column; a log needs the position of every joint.*--lock JOINT=ANGLE"
+    ):
+        chosen(heads, "q=joint1_pos,,joint3_pos")
 
 
 def test_what_is_stated_is_taken_for_nothing_else() -> None:
