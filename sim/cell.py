@@ -93,7 +93,7 @@ class PayloadTable(StrictTable):
 class EmulationTable(StrictTable):
     """The plant behind a mock or emulated cell: seed, effects unknown to the program under test, and controller options."""
 
-    seed: int = 0
+    seed: Annotated[int, Field(ge=0)] = 0
     options: dict[str, Any] = Field(default_factory=dict)
     effects: list[EffectTable] = Field(default_factory=list)
 

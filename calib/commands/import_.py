@@ -86,7 +86,7 @@ def command(
         calib import runs/20260101T120000Z-ur5e-record/excitation.mcap --out runs/recovered
     """  # fmt: skip
     from calib.gate.commands import passed
-    from calib.measurement.column_choice import chosen_map, with_words
+    from calib.measurement.column_choice import chosen_map, idle, with_words
     from calib.measurement.torque_delay import torque_delay
     from calib.terminal.column_question import confirm_columns
     from calib.terminal.recordings import require
@@ -120,7 +120,8 @@ def command(
         console.warn(sentence)
     if table is not None and chosen is not None and not complete:
         if yes:
-            for doubt in doubts:
+            unused = idle(chosen, table)
+            for doubt in [*doubts, *([f"not used: {', '.join(unused)}"] if unused else [])]:
                 console.warn(f"accepted because of --yes: {doubt}")
         else:
             (folder / MAP).write_text(chosen.text(), encoding="utf-8")  # the question names it, to be corrected after a no

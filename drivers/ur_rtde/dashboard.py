@@ -14,7 +14,7 @@ PORT = 29999
 TIMEOUT = 3.0  # s for each answer
 LINE_MAX = 4096  # bytes
 # what an answer may be before it is shown, compared, or made part of a folder's name
-MODEL, SERIAL, PRINTABLE = r"UR[\w +-]*", r"\w+", r"[ -~]*"
+MODEL, SERIAL, PRINTABLE = r"UR[\w +-]*", r"\w+", r"[^\x00-\x1f\x7f-\x9f\ud800-\udfff]*"
 
 
 @dataclass(frozen=True)

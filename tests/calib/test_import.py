@@ -107,6 +107,9 @@ def test_a_yes_on_a_terminal(table_file: Path, monkeypatch: pytest.MonkeyPatch, 
     assert "nothing was imported" in capsys.readouterr().err
     monkeypatch.setattr("sys.stdin", Person("y"))
     assert main(["import", str(table_file)]) == 0
+    capsys.readouterr()
+    assert main(["import", str(table_file), "--yes"]) == 0
+    assert "accepted because of --yes: not used: phase" in capsys.readouterr().err
 
 
 def test_options_say_what_columns_mean(table_file: Path, capsys: pytest.CaptureFixture[str]) -> None:

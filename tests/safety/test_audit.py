@@ -112,9 +112,19 @@ def test_a_line_is_added_without_reading_those_before_the_last(tmp_path: Path) -
         verify(file)
 
 
+@pytest.mark.parametrize("facts", [{"reasons": ["x" * (LONGEST // 20)] * 21}, {"reason": "\U0001f916" * 10_000}])
+def test_facts_that_would_make_a_line_too_long_are_cut(trail: Path, facts: dict[str, object]) -> None:
+    record(trail, "run stopped", **facts)
+    record(trail, "run begins")
+    cut = verify(trail)[-2]["facts"]["cut"]
+    assert cut.endswith(" bytes)")
+    assert len(max(trail.read_bytes().split(b"\n"), key=len)) <= LONGEST
+
+
 def test_a_line_longer_than_any_that_is_written_is_refused(trail: Path) -> None:
-    record(trail, "run stopped", reasons=["x" * (LONGEST // 20)] * 21)
-    with pytest.raises(SafetyStop, match=":4:"):
+    whole = trail.read_bytes()
+    trail.write_bytes(whole[:-2] + b" " * LONGEST + whole[-2:])
+    with pytest.raises(SafetyStop, match=":3:"):
         verify(trail)
 
 

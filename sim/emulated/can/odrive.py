@@ -17,6 +17,9 @@ WATCHDOG_ENDPOINT = 401  # depends on the firmware version; the emulated one has
 TURN = 2 * math.pi
 
 
+BYTES = {4: 8, 7: 4, 12: 8}  # of the commands with a layout; shorter frames are ignored
+
+
 class ODrive(Servo):
     """Position loop kp = vel_gain pos_gain, kd = vel_gain; estimates, torques and temperatures every `period` s, heartbeat every 0.1 s."""
 
@@ -43,6 +46,8 @@ class ODrive(Servo):
         command, data = message.arbitration_id & 0x1F, bytes(message.data)
         if message.is_remote_frame:
             return self._reply(command)
+        if len(data) < BYTES.get(command, 0):
+            return []
         if command == 4:
             return self._sdo(data)
         if command == 7:

@@ -56,8 +56,10 @@ def test_an_answer_with_another_form_is_none() -> None:
     """A serial number becomes part of a folder's name, and every answer is shown in a terminal."""
     odd = {"PolyScope": "\x1b[2J10.11", "model": "\ud800", "serial": "../../x", "safety mode": "NORMAL\x07", "program": "a\nb"}
     assert of_robot_api(odd, (10, 11, 0, 0)) == ControllerInfo("10.11.0")
-    good = {"PolyScope": "10.14.0-rc1", "model": "UR20", "serial": "20230000000", "program": "pick and place"}
-    assert of_robot_api(good, (10, 14, 0, 0)) == ControllerInfo("10.14.0-rc1", "UR20", "20230000000", program="pick and place")
+    good = {"PolyScope": "10.14.0-rc1", "model": "UR20", "serial": "20230000000", "program": "Palettierer für Köln"}
+    assert of_robot_api(good, (10, 14, 0, 0)) == ControllerInfo(
+        "10.14.0-rc1", "UR20", "20230000000", program="Palettierer für Köln"
+    )
 
 
 def test_local_control_and_a_program_that_plays_are_named(robot, arm: Arm) -> None:  # type: ignore[no-untyped-def]
