@@ -138,6 +138,6 @@ def portable(error: BaseException) -> BaseException:
         return error
     ours = isinstance(error, CalibError)
     out = DeviceError(str(error) if ours else f"the control process failed: {type(error).__name__}: {error}")
-    for note in getattr(error, "__notes__", ()):
+    for note in error.__dict__.get("__notes__", ()):
         out.add_note(note)
     return out

@@ -107,15 +107,15 @@ def test_units_in_names_and_in_the_map(tmp_path: Path) -> None:
         {
             "joints": ["a", "b", "c"],
             "time": {"column": "t_ms", "unit": "ms"},
-            "q": {"columns": ["pos_deg_1", "", "pos_deg_3"], "unit": "deg", "factor": [1, 1, -1]},
-            "tau": {"columns": ["torque_nmm_1", "torque_nmm_2", "torque_nmm_3"], "unit": "N mm", "factor": -1},
+            "q": {"columns": ["pos_deg_1", "pos_deg_2", "pos_deg_3"], "unit": "deg", "factor": [1, 1, -1]},
+            "tau": {"columns": ["torque_nmm_1", "", "torque_nmm_3"], "unit": "N mm", "factor": -1},
         },
         "here",
     )
     log = taken(file, flipped)
-    np.testing.assert_allclose(log.q[:, [0, 2]], Q[:, [0, 2]] * [1, -1], rtol=1e-9)
-    np.testing.assert_allclose(log.tau, -TAU, rtol=1e-9)
-    assert np.isnan(log.q[:, 1]).all()
+    np.testing.assert_allclose(log.q, Q * [1, 1, -1], rtol=1e-9)
+    np.testing.assert_allclose(log.tau[:, [0, 2]], -TAU[:, [0, 2]], rtol=1e-9)
+    assert np.isnan(log.tau[:, 1]).all()
     assert np.isnan(log.dq).all()
 
 
@@ -129,7 +129,12 @@ def test_large_positions_are_doubted_and_taken_as_degrees(tmp_path: Path) -> Non
 
 def test_a_map_is_kept_as_it_was_stated(tmp_path: Path) -> None:
     one = ColumnMap(
-        ("a", "b"), "stamp", "ms", {"q": Columns(("x", ""), "deg", (1.0, -0.5), 2 * math.pi)}, None, {"episode_index": 4.0}
+        ("a", "b"),
+        "stamp",
+        "ms",
+        {"q": Columns(("x", "y"), "deg", (1.0, -0.5), 2 * math.pi), "tau": Columns(("", "z"), "N m", (1.0, 1.0))},
+        None,
+        {"episode_index": 4.0},
     )
     (tmp_path / "map.toml").write_text(one.text())
     assert read_map(tmp_path / "map.toml") == one
@@ -147,6 +152,7 @@ def test_a_map_is_kept_as_it_was_stated(tmp_path: Path) -> None:
         ({"time": {"rate": -3}}, "between 0 and"),
         ({"time": {"rate": True}}, "not a number"),
         ({"q": {"columns": ["x"], "unit": "rad"}}, "1 names for 2 joints"),
+        ({"q": {"columns": ["", "y"], "unit": "rad"}}, "joint 1 has no column; a log needs the position of every joint"),
         ({"q": {"columns": ["x", "y"], "unit": "grad"}}, "unit 'grad'"),
         ({"q": {"columns": ["x", "y"], "unit": "rad", "factor": 0}}, "other than 0"),
         ({"q": {"columns": ["x", "y"], "unit": "rad", "wraps": -1}}, "only a position wraps"),
