@@ -214,7 +214,7 @@ class Guard:
             try:
                 self._driver.stop()
             except Exception as error:
-                trip = replace(trip, remedy=f"{trip.remedy}; the device did not accept its own stop: {error}")
+                trip = replace(trip, remedy=f"{trip.remedy}; the device did not accept the stop command: {error}")
         if standstill is None or not standstill.at_rest:
             standstill = rest.by_device(self._driver.device_stop, self._q_cmd, self._dq_cmd, self._read, standstill)
         self._note(trip, begin)

@@ -116,7 +116,7 @@ def command(
         console.warn(f"the URDF leaves out what its format cannot hold: {'; '.join(outside)}")
     if driven:
         console.warn(
-            f"friction drives {', '.join(driven)} within the speed limits of {arm} (up to {UNSTATED_SPEED:g} where none is stated), which is impossible for a passive joint: a simulation can diverge. "
+            f"friction drives {', '.join(driven)} within the speed limits of {arm} (up to {UNSTATED_SPEED:g} rad/s or m/s where none is stated), which is impossible for a passive joint: a simulation can diverge. "
             "The torque reading excludes what the controller adds, or a law is used beyond the speeds of its recordings"
         )
     console.say(f"{outcome} in {folder}.")

@@ -31,7 +31,7 @@ def test_a_device_that_refuses_its_stop_changes_nothing_of_ours(
     driver.stop = refuse  # type: ignore[method-assign]
     stop = stopped_by(guard_of(driver, arm, cell, clearance), cleared)
     assert stop.trip.quantity == "temperature"
-    assert f"the device did not accept its own stop: {error}" in str(stop)
+    assert f"the device did not accept the stop command: {error}" in str(stop)
     check_stop(driver, cleared, arm, stop, AT)
 
 

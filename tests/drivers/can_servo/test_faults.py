@@ -232,8 +232,9 @@ def test_engaging_switches_on_and_moves_nothing(bench):
     assert np.max(np.abs(after.q - before.q)) < 0.01
 
 
-def test_a_drive_that_stays_on_is_reported(bench):
-    b = bench()
+@pytest.mark.parametrize("protocol", ["damiao", "cubemars"])  # the second one's answers do not state whether it is on
+def test_a_drive_that_stays_on_is_reported(bench, protocol):
+    b = bench(protocol)
     b.driver.connect()
     b.stream(20)
     b.bus.inject("silent:wrist_3_joint")
