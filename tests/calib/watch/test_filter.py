@@ -75,3 +75,11 @@ def test_friction_that_nobody_stated_has_an_ordinary_drives_prior(servo6: Arm) -
     assert np.all(stated.dry == 0.5)
     half = replace(servo6, prior=servo6.prior.model_copy(update={"unknown": ["coulomb"]}))
     assert np.array_equal(TorqueFilter(half, np.zeros(n), np.full(n, 0.003), np.zeros(4)).dry, silent.dry)
+
+
+def test_friction_that_the_arm_states_as_almost_nothing_may_still_grow(servo6: Arm) -> None:
+    """The standard deviation before any reading is that of a small part of the friction, not a share of the statement."""
+    n = servo6.n
+    filters = [TorqueFilter(servo6, np.ones(n), np.full(n, viscous), np.zeros(4)) for viscous in (1e-10, 1.0)]
+    tiny, usual = (np.sqrt(np.diag(f.covariance)[f.viscous]) for f in filters)
+    assert np.all(tiny > 0.01 * usual)
