@@ -21,6 +21,8 @@ OF_SPEED = {57.29578: ("dq", "deg/s"), 9.549297: ("dq", "rpm"), 0.1591549: ("dq"
 GEAR_LEAST = 5.0
 MOST_ODD = 0.34  # of the joints may deviate where the others share a unit
 FAST_SHARE = 0.05
+# a ratio that all joints have in common within ALIKE, in ln, and that is beyond RATE_FACTOR, comes from the time
+RATE_FACTOR, ALIKE = 1.5, 0.1
 
 
 def speed(arm: Arm, s: Signals, massive: bool) -> tuple[GateCheck, Signals]:
@@ -28,13 +30,21 @@ def speed(arm: Arm, s: Signals, massive: bool) -> tuple[GateCheck, Signals]:
     table, comparable = readings.ratios(s), readings.comparable(s)
     own = np.diagonal(table)
     with np.errstate(invalid="ignore"):
-        wrong = comparable & ~(np.abs(np.log(np.abs(own))) < math.log(readings.FACTOR)) | comparable & (own < 0)
+        most = math.log(RATE_FACTOR if _common(own) else readings.FACTOR)
+        wrong = comparable & ~(np.abs(np.log(np.abs(own))) < most) | comparable & (own < 0)
     if not wrong.any():
         return GateCheck(
             "speed", True, "speed is the derivative of position" if comparable.any() else "no speed reading, or no motion"
         ), s
-    ways = _of_ratio(own, comparable, wrong) or _of_columns(table, wrong)
-    if not ways:
+    units = _of_units(own, comparable)
+    ways = units or _of_ratio(own, wrong) or _of_columns(table, wrong)
+    names = arm.joint_names
+    found = [(Cause(way.sentence(names), 0.0, (way,)), read_as(s, way)) for way in ways]
+    common = None if units else _common(own)
+    if common is not None:  # first where nothing separates it from gear ratios that are alike
+        found.insert(0, (_of_rate(common), replace(s, dq=s.dq * common, ddq=s.ddq * common**2)))
+    gains = [_gain_of(arm, s, other) if massive else 0.0 for _, other in found]
+    if not found or (not ways and gains[0] < -LEAST_GAIN):
         worst = int(np.flatnonzero(wrong)[0])
         value = f"{own[worst]:.3g} times" if np.isfinite(own[worst]) else "not"
         return GateCheck(
@@ -42,20 +52,33 @@ def speed(arm: Arm, s: Signals, massive: bool) -> tuple[GateCheck, Signals]:
             True,
             f"the speed of {arm.joint_names[worst]} is {value} the derivative of its position, which no unit explains",
         ), s
-    gains = [_gain_of(arm, s, way) if massive else 0.0 for way in ways]
-    order = sorted(range(len(ways)), key=lambda k: -gains[k])
-    names = arm.joint_names
-    causes = tuple(Cause(ways[k].sentence(names), max(gains[k], 0.0), (ways[k],)) for k in order[:MOST_CAUSES])
-    ratio = ", ".join(
+    order = sorted(range(len(found)), key=lambda k: -gains[k])[:MOST_CAUSES]
+    causes = tuple(replace(found[k][0], gain=max(gains[k], 0.0)) for k in order)
+    listed = ", ".join(
         f"{names[j]} {own[j]:.3g}" if np.isfinite(own[j]) else f"{names[j]} uncorrelated" for j in np.flatnonzero(wrong)
     )
-    best = ways[order[0]]
-    s = read_as(s, best) if best.part == "q" else s
-    return GateCheck("speed", False, f"speed over the derivative of position, which should be 1: {ratio}", causes, names), s
+    detail = f"speed over the derivative of position, which should be 1: {listed}"
+    best, other = found[order[0]]
+    moved = not best.corrections or best.corrections[0].part == "q"
+    return GateCheck("speed", False, detail, causes, names), other if moved else s
 
 
-def _of_ratio(own: np.ndarray, comparable: np.ndarray, wrong: np.ndarray) -> list[Correction]:
-    """Units, gear ratios and signs that make dq the derivative of q."""
+def _common(own: np.ndarray) -> float | None:
+    """The ratio that all joints with one have in common, of two or more; None where they differ."""
+    values = own[np.isfinite(own)]
+    if len(values) < 2 or np.any(values <= 0) or np.ptp(np.log(values)) > ALIKE:
+        return None
+    return float(np.median(values))
+
+
+def _of_rate(common: float) -> Cause:
+    """A wrong sample rate, which changes the derivatives of all positions alike."""
+    factor = f"{1 / common:.3g} times too fast" if common < 1 else f"{common:.3g} times too slow"
+    return Cause(f"time runs {factor}: the sample rate is wrong; import the file again with the true rate or with its column of times")
+
+
+def _of_units(own: np.ndarray, comparable: np.ndarray) -> list[Correction]:
+    """Units that make dq the derivative of q at most joints."""
     values = own[comparable & np.isfinite(own)]
     if not len(values):
         return []
@@ -64,8 +87,12 @@ def _of_ratio(own: np.ndarray, comparable: np.ndarray, wrong: np.ndarray) -> lis
     if len(values) >= (1 - MOST_ODD) * comparable.sum() and apart.mean() <= MOST_ODD:
         named = [Correction("unit", part, unit=unit) for factor, (part, unit) in OF_SPEED.items()
                  if abs(math.log(common / factor)) < math.log(readings.NEAR)]  # fmt: skip
-        if named:
-            return named
+        return named
+    return []
+
+
+def _of_ratio(own: np.ndarray, wrong: np.ndarray) -> list[Correction]:
+    """Gear ratios and signs of single joints that make dq the derivative of q."""
     out = []
     for j in np.flatnonzero(wrong):
         if not np.isfinite(own[j]):
@@ -91,13 +118,12 @@ def _of_columns(table: np.ndarray, wrong: np.ndarray) -> list[Correction]:
     return out
 
 
-def _gain_of(arm: Arm, s: Signals, way: Correction) -> float:
-    """How much better the model fits, in nats. A correction of the speed alone changes nothing; its constant value lets it come first where
-    that of the position fits worse."""
-    if way.part == "dq":
+def _gain_of(arm: Arm, s: Signals, other: Signals) -> float:
+    """How much better the model fits the other rows, in nats. A correction of the speed reading alone changes nothing; its constant value
+    lets it come first where that of the position fits worse."""
+    if other.q is s.q and other.dq is s.dq:
         return LEAST_GAIN / 2
     before = fitted(s, model_torque(arm, s)).left
-    other = read_as(s, way)
     after = fitted(other, model_torque(arm, other)).left
     with np.errstate(invalid="ignore", divide="ignore"):
         ratio = np.log(before / after)
@@ -129,7 +155,7 @@ def limits(arm: Arm, logs: Sequence[Log], s: Signals, massive: bool, known: bool
         room = (arm.q_min[j] - readings.OVER_RANGE, arm.q_max[j] + readings.OVER_RANGE)
         zeros = () if arm.tree.prismatic[j] else ZEROS
         ways += [Correction("zero", "q", (j,), by) for by in zeros if room[0] <= low[j] - by and high[j] - by <= room[1]]
-    gains = [_gain_of(arm, s, way) if massive else 0.0 for way in ways]
+    gains = [_gain_of(arm, s, read_as(s, way)) if massive else 0.0 for way in ways]
     if massive and ways and max(gains) < -LEAST_GAIN:
         return GateCheck("limits", True, f"{what}; no unit makes the model fit better, so the stated limits are too narrow"), s
     if massive and (not ways or max(gains) < LEAST_GAIN):

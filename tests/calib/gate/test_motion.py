@@ -64,6 +64,22 @@ def test_units_and_signs_of_a_speed(servo6: Arm) -> None:
     assert set(words(servo6, replace(log, dq=turned))) == {f"sign:{part}:{servo6.joint_names[3]}" for part in ("q", "dq")}
 
 
+@pytest.mark.parametrize("factor", [0.1, 0.5, 2.0, 3.0])
+def test_a_wrong_sample_rate_is_no_gear_ratio(servo6: Arm, factor: float) -> None:
+    """All joints show the same ratio, which no single joint's gear explains."""
+    log = log_of(servo6, 47)
+    found = gate(servo6, [replace(log, t=log.t * factor)])
+    assert found.refusal is not None and "the sample rate is wrong" in found.causes[0].sentence, found.refusal
+    assert not any(c.kind == "scale" for c in found.causes[0].corrections)
+
+
+def test_speeds_of_all_motors_before_their_gears(servo6: Arm) -> None:
+    """The same ratio at all joints as with a wrong rate, but the arm's model fits the motion as it was recorded."""
+    log = log_of(servo6, 48)
+    found = words(servo6, replace(log, dq=100 * log.dq))
+    assert found and all(word.startswith("scale:dq") for word in found)
+
+
 def with_laws(arm: Arm) -> Arm:
     """Fitted friction laws with memory, with the sign that drives with friction compensation report."""
     law = {p.name: 0.0 for p in effect_named("friction_law").parameters}
