@@ -20,6 +20,7 @@ from mcap.exceptions import McapError
 from mcap.reader import NonSeekingReader, SeekingReader
 
 from logs.mcap_records import MAGIC, MAX_RECORD
+from logs.prediction import PREDICTED
 from logs.read import SUFFIXES
 from logs.schemas import RECORDING
 from sim.errors import BadLog, ConfigError
@@ -76,6 +77,8 @@ class Recorded:
 def inventory(address: str) -> tuple[list[Recorded], list[tuple[str, str]]]:
     """The recordings below a folder (a path, or any address that fsspec reads), and those whose arm is unknown, with the reason.
 
+    prediction.mcap, which `calib validate` writes, is no recording.
+
     ConfigError where there is no such folder or it holds no recording.
     """
     system, found = _files(address)
@@ -85,13 +88,14 @@ def inventory(address: str) -> tuple[list[Recorded], list[tuple[str, str]]]:
             continue
         full = _full(system, path)
         try:
-            recordings.append(_recorded(system, path, full, about))
+            if (recording := _recorded(system, path, full, about)) is not None:
+                recordings.append(recording)
         except (BadLog, OSError) as error:
             unknown.append((printable(full), printable(error)))
         except Exception as error:  # one recording, whatever is in it, must not stop the others
             unknown.append((printable(full), printable(f"{full}: cannot be read ({type(error).__name__}: {str(error)[:200]})")))
     if not recordings and not unknown:
-        raise ConfigError(f"{address}: holds no {SUFFIX} file; give the folder that the recordings are below")
+        raise ConfigError(f"{address}: holds no recording ({SUFFIX}); give the folder that the recordings are below")
     return recordings, unknown
 
 
@@ -134,12 +138,15 @@ def _full(system: Any, path: str) -> str:
     return path if is_local(system) else str(system.unstrip_protocol(path))
 
 
-def _recorded(system: Any, path: str, address: str, about: dict[str, Any]) -> Recorded:
+def _recorded(system: Any, path: str, address: str, about: dict[str, Any]) -> Recorded | None:
+    """None for a file for viewers that `calib validate` derived from a recording."""
     # a pipe or a device, which `open` would wait for, is refused
     with open_regular(Path(path), BadLog, REMOVE) if is_local(system) else system.open(path, "rb") as file:
         if file.read(len(MAGIC)) != MAGIC:
             raise BadLog(f"{address}: is not an MCAP file; {IMPORT}, or remove it")
         words = _words(file, address)
+        if not words and _is_derived(file):
+            return None
     if not words.get("arm"):
         raise BadLog(f"{address}: does not state its arm; {IMPORT}")
     for key in ("arm", "arm_sha256", "cell", "serial", "motion"):
@@ -165,6 +172,16 @@ def _started(ns: str, address: str) -> str:
     if not re.fullmatch(r"[0-9]{1,19}", ns, re.ASCII) or int(ns) > LATEST:
         raise BadLog(f"{address}: wall_clock_start_ns = {ns[:24]!r} is not a time in nanoseconds since 1970, before 2100")
     return datetime.fromtimestamp(int(ns) // 10**9, UTC).isoformat(timespec="seconds")
+
+
+def _is_derived(file: Any) -> bool:
+    """Whether a file holds predictions beside the measured torques."""
+    file.seek(0)
+    try:
+        summary = SeekingReader(file, record_size_limit=MAX_RECORD).get_summary()
+    except (McapError, ValueError, EOFError, StopIteration, RuntimeError):
+        return False
+    return summary is not None and any(channel.topic == PREDICTED for channel in summary.channels.values())
 
 
 def _words(file: Any, address: str) -> dict[str, str]:

@@ -89,6 +89,8 @@ def sentence(a: RunNumbers, b: RunNumbers, changes: list[Change]) -> str:
         ratio = np.linalg.norm([b.gap[j] for j in shared]) / max(float(np.linalg.norm([a.gap[j] for j in shared])), 1e-300)
         first = a.run.folder if a.run.folder.name == b.run.folder.name else a.run.folder.name
         parts.append(f"the residual RMS is {ratio:.2f} times that of {first}")
+    if a.run.arm != b.run.arm:
+        parts.append(f"the runs are of different arms, {a.run.arm} and {b.run.arm}")
     return "; ".join(parts)
 
 

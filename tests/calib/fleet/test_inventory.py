@@ -10,6 +10,7 @@ import pytest
 
 from calib.fleet.inventory import by_arm, foreign, inventory
 from logs import Recorder
+from logs.prediction import write_prediction
 from sim.arm import Arm
 from sim.errors import ConfigError
 from sim.joint_state import JointState
@@ -69,3 +70,14 @@ def test_recordings_of_another_form_are_named(tmp_path: Path) -> None:
     for name in ("a.csv", "notes.txt", "b.mcap"):
         (tmp_path / name).write_text("")
     assert foreign(str(tmp_path)) == [str(tmp_path / "a.csv")]
+
+
+def test_predictions_beside_recordings_are_not_recordings(tmp_path: Path, ur5e: Arm) -> None:
+    write_recording(tmp_path / "cell" / "a.mcap", ur5e, ur5e, 3, seconds=2.0)
+    stamps, x = 10**18 + np.arange(9) * 8_000_000, np.zeros((9, ur5e.n))
+    write_prediction(tmp_path / "cell" / "prediction.mcap", stamps, ur5e.joint_names, x, x, x, x, "", (), np.zeros((9, 0, 7)))
+    recordings, unknown = inventory(str(tmp_path))
+    assert [Path(r.address).name for r in recordings] == ["a.mcap"] and not unknown
+    (tmp_path / "cell" / "a.mcap").unlink()
+    with pytest.raises(ConfigError, match="holds no recording"):
+        inventory(str(tmp_path))

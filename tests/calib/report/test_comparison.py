@@ -23,8 +23,8 @@ def _here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
 
 
-def diagnosed(name: str, coulomb: float) -> Path:
-    folder = new_run("ur10e", "diagnose", Path(name))
+def diagnosed(name: str, coulomb: float, arm: str = "ur10e") -> Path:
+    folder = new_run(arm, "diagnose", Path(name))
     data, _ = examples.diagnosis()
     data["effects"][0]["parameters"]["coulomb"]["value"] = coulomb
     (folder / "diagnosis.json").write_text(json.dumps(data))
@@ -72,6 +72,13 @@ def test_two_diagnoses(capsys: pytest.CaptureFixture[str]) -> None:
     assert data["changes"][0]["sigmas"] == pytest.approx(1.0 / (0.041 * 2**0.5))
     assert read_run("runs/c").exit_code == 0
     assert read_run("runs/c").sentence == data["outcome"]
+
+
+def test_runs_of_two_arms_are_reported_as_such(capsys: pytest.CaptureFixture[str]) -> None:
+    diagnosed("runs/a", 8.2)
+    diagnosed("runs/b", 9.2, "ur10e-left")
+    assert main(["report", "runs/a", "runs/b", "--out", "runs/c"]) == 0
+    assert "the runs are of different arms, ur10e and ur10e-left" in " ".join(capsys.readouterr().out.split())
 
 
 def test_a_fit_and_a_diagnosis_share_no_parameter(tmp_path: Path) -> None:
