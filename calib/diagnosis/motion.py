@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.ndimage import maximum_filter1d, minimum_filter1d
+from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
 
 from calib.measurement.derivatives import STOP, DerivativeFilter
 from calib.measurement.filtering import Decimator
@@ -57,7 +57,8 @@ def _thinned(m: Measurement) -> Measurement:
         inside=m.inside[at],
         starts=np.searchsorted(at, m.starts),
         decimator=Decimator.of_cutoff(m.rate / k, ROW_CUTOFF),
-        doubt=None,
+        # the filter of the rows sees a k-th of the samples, each with k times the weight
+        doubt=None if m.doubt is None else m.by_stretch(lambda v: uniform_filter1d(v, k, axis=0)[::k] / k, m.doubt),
         unseen=None if m.unseen is None else m.unseen[at],
     )
 

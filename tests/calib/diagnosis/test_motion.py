@@ -7,7 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calib.diagnosis.motion import measured, warmed
+from calib.diagnosis.motion import ROW_CUTOFF, measured, warmed
+from calib.measurement.derivatives import DerivativeFilter
+from calib.measurement.preprocessing import prepare
 from sim.arm import Arm
 from tests.calib.diagnosis.conftest import recording
 
@@ -43,6 +45,23 @@ def test_a_fast_recording_is_thinned_and_says_the_same(ur10e: Arm) -> None:
     assert well[:, 0].sum() > 1000
     assert not m.usable[np.abs(m.trajectory.t - fast_t[3000]) < 0.02, 2].any()
     np.testing.assert_allclose(m.tau[well], (5.0 * np.sin(2 * np.pi * m.trajectory.t[:, None] * f))[well], atol=5e-3)
+
+
+def test_thinning_keeps_what_bridged_gaps_add_to_the_variance(ur10e: Arm) -> None:
+    slow, rng = recording(ur10e, 1), np.random.default_rng(4)
+    t = np.arange(slow.t[0], slow.t[-1], 1 / 500)
+    for k in rng.integers(100, len(t) - 100, 60):
+        t[k : k + rng.integers(1, 8)] = np.nan
+    t = t[np.isfinite(t)]
+    wave = np.sin(2 * np.pi * np.outer(t, [0.3, 0.7, 1.1, 2.0, 4.0, 6.0]))
+    nan = np.full(wave.shape, np.nan)
+    tau = 5.0 * wave + rng.normal(size=wave.shape)
+    log = replace(
+        slow, t=t, t_host=t, q=0.3 * wave, dq=nan, tau=tau, current=nan, temperature=nan, q_cmd=nan, dq_cmd=nan, tau_cmd=nan
+    )
+    whole, thin = prepare(log, ur10e, ROW_CUTOFF, DerivativeFilter.flat), measured(log, ur10e)
+    assert thin.rate < 0.3 * whole.rate
+    assert thin.row_doubt.sum() / len(thin.row_doubt) == pytest.approx(whole.row_doubt.sum() / len(whole.row_doubt), rel=0.05)
 
 
 def test_warming_has_one_scale_for_all_recordings(ur10e: Arm) -> None:
