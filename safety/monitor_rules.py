@@ -24,7 +24,7 @@ RULES = (
     Rule("reading", "", "check the driver"),
     Rule("device time between readings", "s", "readings are stale or lost: check cable, network and load of the computer"),
     Rule("age of the reading", "s", "this computer is late: stop other work on it"),
-    Rule("temperature", "degC", "let the arm cool down"),
+    Rule("temperature", "degC", "let the arm cool down, or warm up if it is too cold"),
     Rule("jump of the position between two readings", "rad", "check the encoder"),
     Rule("position", "rad", "move the joint back by the device's own controls"),
     Rule("speed", "rad/s", "plan a slower motion"),

@@ -34,15 +34,16 @@ def finite(r, x, out):  # type: ignore[no-untyped-def]
 def device_time(r, x, out):  # type: ignore[no-untyped-def]
     """0 < time since the previous reading <= late, or <= the longest pause after a pause."""
     step = x[Of.T_DEVICE] - x[Of.LAST_T]
-    out[0], out[1] = step, x[Of.LATE]
-    return NONE if 0 < step <= (x[Of.PAUSE_MAX] if x[Of.PAUSED] > 0 else x[Of.LATE]) else ARM
+    most = x[Of.PAUSE_MAX] if x[Of.PAUSED] > 0 else x[Of.LATE]
+    out[0], out[1] = step, most if step > 0 else 0.0
+    return NONE if 0 < step <= most else ARM
 
 
 @register_jitable
 def age(r, x, out):  # type: ignore[no-untyped-def]
     """The reading is no older than late, and at most one period in the future."""
     old = x[Of.NOW] - x[Of.T]
-    out[0], out[1] = old, x[Of.LATE]
+    out[0], out[1] = old, -x[Of.PERIOD] if old < 0 else x[Of.LATE]
     return NONE if -x[Of.PERIOD] <= old <= x[Of.LATE] else ARM
 
 
@@ -51,7 +52,8 @@ def temperature(r, x, out):  # type: ignore[no-untyped-def]
     """Temperature within its range, of joints that report one."""
     for j in range(r.shape[1]):
         if r[Row.HAS_TEMPERATURE, j] > 0 and not x[Of.TEMPERATURE_MIN] <= r[Row.TEMPERATURE, j] <= x[Of.TEMPERATURE_MAX]:
-            out[0], out[1] = r[Row.TEMPERATURE, j], x[Of.TEMPERATURE_MAX]
+            cold = r[Row.TEMPERATURE, j] < x[Of.TEMPERATURE_MIN]
+            out[0], out[1] = r[Row.TEMPERATURE, j], x[Of.TEMPERATURE_MIN] if cold else x[Of.TEMPERATURE_MAX]
             return j
     return NONE
 
@@ -74,7 +76,7 @@ def position(r, x, out):  # type: ignore[no-untyped-def]
     for j in range(r.shape[1]):
         q = r[Row.Q, j]
         if not r[Row.Q_LO, j] <= q <= r[Row.Q_HI, j]:
-            out[0], out[1] = q, r[Row.Q_HI, j] if q > 0 else r[Row.Q_LO, j]
+            out[0], out[1] = q, r[Row.Q_LO, j] if q < r[Row.Q_LO, j] else r[Row.Q_HI, j]
             return j
     return NONE
 

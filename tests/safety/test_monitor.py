@@ -211,7 +211,7 @@ def test_a_trip_states_joint_quantity_value_limit_unit_and_remedy(monitor: Monit
     hot = np.full(6, 30.0)
     hot[2] = 81.5
     trip = monitor.check(state_at(1, temperature=hot), PERIOD, HOME)
-    assert str(trip) == "j3: temperature 81.5 degC, limit 75 degC; let the arm cool down"
+    assert str(trip) == "j3: temperature 81.5 degC, limit 75 degC; let the arm cool down, or warm up if it is too cold"
 
 
 def test_no_reading_with_a_number_that_is_not_one_passes(arm: Arm, cell: Cell) -> None:

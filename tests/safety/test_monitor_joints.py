@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from safety.collision import Clearance
-from safety.monitor import DQ_OVER, Q_OVER, Expected, Monitor
+from safety.monitor import DQ_OVER, PAUSE_MAX, Q_OVER, Expected, Monitor
 from safety.rows import Of
 from safety.trip import Trip
 from sim.arm import Arm
@@ -62,6 +62,46 @@ def test_a_position_beyond_either_end(arm: Arm, cell: Cell, joint: int, side: in
     trip = trip_of(monitor_of(arm, cell, q=q), q=q)
     assert (trip.joint, trip.quantity) == (arm.joint_names[joint], "position")
     assert (trip.value, trip.limit) == (pytest.approx(q[joint]), pytest.approx(end))
+
+
+@pytest.mark.parametrize("side", [1, -1])
+def test_a_position_in_a_range_of_one_sign(arm: Arm, cell: Cell, side: int) -> None:
+    """Both ends of joint 4 of a Panda are negative: the limit that is stated is the one that was passed."""
+    for middle in (-1.0, 1.0):
+        narrow = replace(arm, q_min=HOME + middle - 0.5, q_max=HOME + middle + 0.5)
+        q = HOME + middle
+        end = (narrow.q_max if side > 0 else narrow.q_min)[3] + side * Q_OVER
+        q[3] = end + side * 1e-3
+        trip = trip_of(monitor_of(narrow, cell, q=q), q=q)
+        assert (trip.quantity, trip.limit) == ("position", pytest.approx(end))
+
+
+@pytest.mark.parametrize(("value", "limit"), [(75.1, 75.0), (-40.1, -40.0)])
+def test_the_limit_of_a_temperature(arm: Arm, cell: Cell, value: float, limit: float) -> None:
+    trip = trip_of(monitor_of(arm, cell), temperature=at(2, value, np.full(6, 30.0)))
+    assert (trip.quantity, trip.value, trip.limit) == ("temperature", value, limit)
+
+
+@pytest.mark.parametrize("step", [0.0, -1e-3])
+def test_a_clock_that_does_not_go_on_is_no_late_reading(arm: Arm, cell: Cell, step: float) -> None:
+    trip = monitor_of(arm, cell).check(replace(state_at(1), t_device=step), 0.002, HOME, None)
+    assert trip is not None
+    assert (trip.quantity, trip.value, trip.limit) == ("device time between readings", step, 0.0)
+
+
+def test_the_limit_of_a_pause(arm: Arm, cell: Cell) -> None:
+    monitor = monitor_of(arm, cell)
+    monitor.pause()
+    trip = monitor.check(replace(state_at(1), t_device=PAUSE_MAX + 1.0), 0.002, HOME, None)
+    assert trip is not None
+    assert (trip.quantity, trip.limit) == ("device time between readings", PAUSE_MAX)
+
+
+def test_the_limit_of_an_age(arm: Arm, cell: Cell) -> None:
+    for now, limit in ((-0.004, -0.002), (0.1, 3.5 * 0.002)):
+        trip = monitor_of(arm, cell).check(state_at(1), now, HOME, None)
+        assert trip is not None
+        assert (trip.quantity, trip.limit) == ("age of the reading", pytest.approx(limit))
 
 
 @pytest.mark.parametrize("joint", range(6))
