@@ -32,7 +32,7 @@ def _problem() -> tuple[Site, Information, Fourier]:
     """UR10e, one period of 20 s, 6 harmonics (60 free coefficients): site, information, and the best of 100 random motions."""
     arm = load_arm("ur10e")
     cell, model = open_cell(arm), TorqueModel.of_arm(arm)
-    room, information, rng = Room(arm, cell), Information(model, noise_of(model)), np.random.default_rng(0)
+    room, information, rng = Room(arm, cell), Information(model, noise_of(arm)), np.random.default_rng(0)
     home = home_of(room, cell, None, rng)
     best, _ = random_start(room, information, Basis(6, 20.0), home, rng, 100)
     return Site(arm, cell), information, best

@@ -39,7 +39,7 @@ def of_check(check: LogCheck) -> dict[str, Any]:
 
 def _shown(check: LogCheck) -> np.ndarray:
     index = np.flatnonzero(check.measurement.row_usable.any(axis=1))
-    return index[:: max(1, len(index) // MOST_ROWS)]
+    return index[:: max(1, -(-len(index) // MOST_ROWS))]
 
 
 def of_diagnosis(arm: Arm, corrected: Arm, log: Log, found: Diagnosis, others: Sequence[Log] = ()) -> dict[str, Any]:

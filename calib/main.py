@@ -137,9 +137,9 @@ def main(arguments: list[str] | None = None) -> int:
 def start(arguments: list[str]) -> tuple[int, str]:
     """Like `main`; return the exit code and the sentence with the outcome."""
     outer = INVOCATION.get()
+    arguments, wanted = _quiet(arguments)
     invocation = Invocation(arguments, is_step=outer is not None and bool(outer.folders))
     token = INVOCATION.set(invocation)
-    arguments, wanted = _quiet(arguments)
     quiet = console.QUIET.set(wanted or console.QUIET.get())
     try:
         with quiet_libraries():

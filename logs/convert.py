@@ -16,7 +16,7 @@ from logs.column_map import ColumnMap
 from logs.damage import Damage
 from logs.encode import JointEncoder, log_body
 from logs.finish import add_clock_fit, finish, put_in_place, write_file
-from logs.log import Log, State
+from logs.log import COMMANDED, Log, State
 from logs.mcap_records import is_journal
 from logs.read import read_log
 from logs.sampling import Sampling, examine
@@ -170,7 +170,7 @@ def write_log(log: Log, target: Path, state: str, words: dict[str, str]) -> None
     frame = log.metadata.get(FRAME, "")
     encoder = JointEncoder(log.joint_names, frame if is_name(frame) else "")
     slow = bool(np.isfinite(log.current).any() or np.isfinite(log.temperature).any())
-    commanded = bool(np.isfinite(log.q_cmd).any() or np.isfinite(log.tau_cmd).any())
+    commanded = any(np.isfinite(getattr(log, channel)).any() for channel in COMMANDED)
     sources: list[tuple[str, tuple[np.ndarray, ...]]] = [(STATES, (log.q, log.dq, log.tau))]
     sources += [(COMMANDS, (log.q_cmd, log.dq_cmd, log.tau_cmd))] if commanded else []
     sources += [(DIAGNOSTICS, (log.current, log.temperature))] if slow else []

@@ -81,7 +81,7 @@ def sweep(lines: list[Line], arm: Arm, guard: Guard, seen: list[Cycle]) -> Passe
             seen.clear()
             guard.run(way, "there and back for the gravity torque")
             states = [cycle.state for cycle in seen]
-            torque = _torque_is_known(states, arm)
+            torque &= _torque_is_known(states, arm)
             ways.append(at_places(states, begin, end, arm))
         (q, there), (_, back) = ways
         rows.append((q, (there + back) / 2, np.abs(there - back) / 2))

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import gzip
 import json
+import zlib
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -52,7 +53,7 @@ def read_capture(path: Path) -> tuple[dict[str, str], list[Message]]:
             messages.append(Message(float(m["t"]), str(m["channel"]), m["from"] == "<", bytes.fromhex(m["hex"])))
     except OSError as error:
         raise BadLog(f"{path}: cannot be read ({error}); give a file that `calib capture` wrote") from error
-    except (EOFError, ValueError, KeyError, TypeError, IndexError) as error:
+    except (EOFError, zlib.error, ValueError, KeyError, TypeError, IndexError, AttributeError) as error:
         raise BadLog(
             f"{path}, message {len(messages) + 1}: not part of a capture ({error}); give a file that `calib capture` wrote"
         ) from error

@@ -55,7 +55,7 @@ def command(
     with console.progress("looking for robots and CAN adapters"):
         found = finding.robots(host) if host else finding.robots(_addresses(network, as_json))
         adapters = [] if host else finding.can_adapters()
-    models = [] if host else sorted(f for f in Path().iterdir() if f.suffix in MODELS and _is_model(f))
+    models = [] if host else sorted(f for f in Path().iterdir() if f.suffix in MODELS and f.is_file() and _is_model(f))
     if not as_json:
         _show(found, adapters, models)
     if found:

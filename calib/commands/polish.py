@@ -46,6 +46,7 @@ def command(
     from calib.validation.polish import POLISHED, polish
     from sim.arm_folder import write_arm
     from sim.errors import ConfigError
+    from sim.units import headed
 
     arm = named(arm)
     subject, given = arm_and_logs(arm, log, configs)
@@ -77,8 +78,9 @@ def command(
         return code
     change = dict(zip(found.keys, found.theta.tolist(), strict=True))
     units = {"coulomb_friction": "N m", "viscous_friction": "N m s/rad", "torque_offset": "N m"}
+    titles = ["joint", *(f"{POLISHED[effect]} [{unit}]" for effect, unit in units.items()), "before [mrad]", "after [mrad]"]
     console.table(
-        ["joint", *(f"{POLISHED[effect]} [{unit}]" for effect, unit in units.items()), "before [mrad]", "after [mrad]"],
+        headed(titles, subject.tree.prismatic),
         [
             [
                 joint,

@@ -59,6 +59,7 @@ def command(
     from sim.cell import load_arm_of, load_cell
     from sim.errors import ConfigError
     from sim.resources import nearest
+    from sim.units import of_joints
 
     where = load_cell(cell, configs)
     arm = load_arm_of(where, configs)
@@ -114,7 +115,9 @@ def command(
             held=console.warn,
         )
     worst = max(max(stage.following_error) for stage in done.stages)
-    outcome = f"recorded {', '.join(done.logs)}; largest following error {1000 * worst:.1f} mrad"
+    outcome = (
+        f"recorded {', '.join(done.logs)}; largest following error {1000 * worst:.1f} {of_joints('mrad', arm.tree.prismatic)}"
+    )
     conclude(outcome)
     if as_json:
         console.print_json({"schema": "record/1", **console.plain(done)})
@@ -122,7 +125,7 @@ def command(
     console.table(
         ["speed", *arm.joint_names],
         [[f"{s.speed:.0%}", *s.following_error] for s in done.stages],
-        "largest following error [rad]",
+        f"largest following error [{of_joints('rad', arm.tree.prismatic)}]",
     )
     console.table(
         [
@@ -131,7 +134,7 @@ def command(
             "share",
             "nearest to the cell",
             "nearest to itself",
-            "room beside the path [mrad]",
+            f"room beside the path [{of_joints('mrad', arm.tree.prismatic)}]",
             "longest stop [s]",
         ],
         [

@@ -109,6 +109,8 @@ def _json_line(data: dict[str, Any]) -> None:
 
 
 def _show(found: Watched) -> None:
+    from sim.units import headed
+
     p = found.picture
     rows = [
         [joint, float(p.moved[j]), f and rounded(f.coulomb.value, 2 * f.coulomb.std), f and rounded(f.viscous.value, 2 * f.viscous.std),
@@ -116,9 +118,8 @@ def _show(found: Watched) -> None:
         for j, joint in enumerate(found.source.arm.joint_names)
         for f in [p.measured(j)]
     ]  # fmt: skip
-    console.table(
-        ["joint", "motion [s]", "Coulomb ± 2 std [N m]", "viscous ± 2 std [N m s/rad]", "residual RMS [N m]", "[degC]"], rows
-    )
+    titles = ["joint", "motion [s]", "Coulomb ± 2 std [N m]", "viscous ± 2 std [N m s/rad]", "residual RMS [N m]", "[degC]"]
+    console.table(headed(titles, found.source.arm.tree.prismatic), rows)
     com = (
         ""
         if p.com is None

@@ -11,6 +11,7 @@ from calib.excitation.nearness import CLEARANCE_MARGIN
 from calib.excitation.room import MARGIN, Room, Use
 from calib.identification.model import TorqueModel
 from safety.parameters import missing_facts
+from sim.arm import Arm
 from sim.errors import AnswerIsNo
 from sim.postures import postures
 from sim.trajectory import Trajectory
@@ -63,12 +64,12 @@ class Information:
         )
 
 
-def noise_of(model: TorqueModel) -> np.ndarray:
+def noise_of(arm: Arm) -> np.ndarray:
     """(n,) N m: the arm's torque noise, or a hundredth of its torque scale where the arm states none."""
     from sim.prior import torque_scale
 
-    sigma = np.array(model.arm.sensors.torque_noise, dtype=float)
-    return np.where(sigma > 0, sigma, 0.01 * torque_scale(model.arm))
+    sigma = np.array(arm.sensors.torque_noise, dtype=float)
+    return np.where(sigma > 0, sigma, 0.01 * torque_scale(arm))
 
 
 def fitted_to_room(room: Room, motion: Fourier, grow: bool = True) -> Fourier | None:

@@ -125,7 +125,7 @@ class Apart:
         model = TorqueModel.of_arm(room.arm)
         self._arm, self._pairs, self._start = room.arm, pairs, start
         self._limits = Objective(
-            room, model, noise_of(model), start, weight=LIMITS, capped=False, stop=stop, slope=0.0, fine=True
+            room, model, noise_of(model.arm), start, weight=LIMITS, capped=False, stop=stop, slope=0.0, fine=True
         )
         named = {joint for effect, rival in pairs for joint in (effect.joint, rival[1])}
         joints = room.arm.joint_names if None in named else [j for j in room.arm.joint_names if j in named]
@@ -163,7 +163,7 @@ def separation(arm: Arm, motion: Trajectory, effect: ArmEffect, rival: tuple[str
     ordinary = RigidBody(arm).regressor(motion.q, motion.dq, motion.ddq)
     own = [np.einsum("nj,jk->njk", x, np.eye(arm.n)) for x in (np.sign(motion.dq), motion.dq, motion.ddq)]
     imitated = np.concatenate([ordinary, *own, np.stack(columns, axis=2)], axis=2)
-    sigma = np.where(np.array(arm.sensors.torque_noise) > 0, arm.sensors.torque_noise, 0.01 * np.abs(quiet).max(axis=0))
+    sigma = noise_of(arm)
     x = (imitated / sigma[:, None]).reshape(-1, imitated.shape[2])
     y = (wanted / sigma).reshape(-1)
     size = np.linalg.norm(x, axis=0)

@@ -142,7 +142,7 @@ def scouted(task: tuple[Site, Fourier, int | None]) -> Start:
     """Short descent from a motion or, with a seed, from a random one about the same posture."""
     site, start, seed = task
     if seed is not None:
-        information = Information(model := TorqueModel.of_arm(site.arm), noise_of(model))
+        information = Information(TorqueModel.of_arm(site.arm), noise_of(site.arm))
         rng = np.random.default_rng(seed)
         start, _ = random_start(Room(site.arm, site.cell), information, start.basis, start.home, rng, TRIES)
     return descended((site, start, start.x, None, SCOUT))
@@ -153,7 +153,7 @@ def descended(task: tuple[Site, Fourier, np.ndarray, np.ndarray | None, tuple[St
     site, start, x, inverse, stages = task
     began = time.process_time()
     room, model = Room(site.arm, site.cell), TorqueModel.of_arm(site.arm)
-    information = Information(model, noise_of(model))
+    information = Information(model, noise_of(model.arm))
     value = gain = np.inf
     ended, repairs, left = None, 0, list(stages)
     while left:
@@ -161,7 +161,7 @@ def descended(task: tuple[Site, Fourier, np.ndarray, np.ndarray | None, tuple[St
         fine = weight > COARSE
         about = x if fine else None
         objective = Objective(
-            room, model, noise_of(model), start, samples, weight, site.capped, site.stop, fine=fine, about=about
+            room, model, noise_of(model.arm), start, samples, weight, site.capped, site.stop, fine=fine, about=about
         )
         x, value, gain, inverse = lowest(objective, x, iterations, inverse)
         if not left:
@@ -213,7 +213,7 @@ def ascended(task: tuple[Site, Fourier, np.ndarray]) -> np.ndarray:
     site, start, slope = task
     room, model, x = Room(site.arm, site.cell), TorqueModel.of_arm(site.arm), start.x
     for weight, iterations, samples in ASCENT:
-        objective = Objective(room, model, noise_of(model), start, samples, weight, False, site.stop, slope)
+        objective = Objective(room, model, noise_of(model.arm), start, samples, weight, False, site.stop, slope)
         x, *_ = lowest(objective, x, iterations)
     return x
 
@@ -225,7 +225,7 @@ def _gap(pool: Workers, site: Site, found: list[Start], done: Callable[[float], 
     """
     best = found[0].motion
     model = TorqueModel.of_arm(site.arm)
-    objective = Objective(Room(site.arm, site.cell), model, noise_of(model), best, stop=site.stop)
+    objective = Objective(Room(site.arm, site.cell), model, noise_of(model.arm), best, stop=site.stop)
     motions = [s.motion for s in found]
     mixture = Mixture([objective.information(m.x) for m in motions], objective.prior)
     for k in range(ROUNDS):

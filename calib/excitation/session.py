@@ -99,7 +99,7 @@ def design(arm: Arm, cell: Cell, session: Session, progress: Progress = lambda s
     rng = np.random.default_rng(session.seed)
     home = home_of(room, cell, session.home, rng)
     model = TorqueModel.of_arm(arm)
-    information = Information(model, noise_of(model))
+    information = Information(model, noise_of(model.arm))
     basis = Basis(session.harmonics, session.period)
     rate = min(arm.sensors.rate, 500.0)
     progress("excitation", 0.0)

@@ -21,6 +21,7 @@ from calib.fleet.parcel import packed
 from calib.fleet.since import History, histories
 from calib.gate.commands import by_import
 from calib.identification.calibrated import write_calibrated
+from calib.identification.gaps import mean_of_known
 from calib.identification.identify import Identification, identify
 from calib.regression.stored import Kept
 from calib.terminal.console import plain
@@ -127,11 +128,11 @@ def _identified(found: Identification, opened: Opened) -> dict[str, Any]:
 
 
 def _validated(checked: Validation, apart: bool) -> dict[str, Any]:
-    left = np.array([c.sliding / np.where(c.signal > 0, c.signal, np.nan) for c in checked.checks])
+    left = [c.sliding / np.where(c.signal > 0, c.signal, np.nan) for c in checked.checks]
     return {
         "validated_on": "held-out" if apart else "training",
         "validation": checked.outcome,
-        "left_of_torque": plain(np.nanmean(left, axis=0)),
+        "left_of_torque": plain(mean_of_known(left)),
     }
 
 

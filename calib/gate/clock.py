@@ -8,7 +8,8 @@ import numpy as np
 
 from calib.gate.check import Cause, GateCheck
 from calib.gate.correction import UNITS, Correction
-from calib.gate.readings import LEAST_ROWS, name_of
+from calib.gate.fit import LEAST_ROWS
+from calib.gate.readings import name_of
 from logs.clock_steps import set_forward
 from logs.log import Log
 from logs.lost_time import finding, lost_time

@@ -7,7 +7,7 @@ import re
 import shlex
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 
 from calib.gate.check import LIKELIEST, GateCheck
@@ -28,10 +28,12 @@ LEAST_MOTION, LEAST_OF_ONE = 5.0, 2.0  # s of motion for a diagnosis: in all fit
 def passed(arm: Arm, assume: Sequence[str], configs: Path | None = None) -> Callable[[Log], Log]:
     """A function that returns a log of the arm, read as `assume` states; it raises BadLog with the likely causes where the log is not the arm's."""
 
+    others = _shipped if configs is None else partial(family, configs)
+
     def change(log: Log) -> Log:
         ordered = _ordered(log, arm)
         read = read_as(ordered, assume)
-        found = gate(arm, [read], family=lambda: family(configs))
+        found = gate(arm, [read], family=others)
         if found.refusal is not None:
             raise BadLog(_message(found.refusal, log, _lifts(found)))
         return read if assume else log

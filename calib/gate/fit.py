@@ -38,6 +38,13 @@ BEFORE_GEAR = (
 SUBSETS = [list(at) for count in range(1, 5) for at in itertools.combinations(range(4), count)]
 
 
+def gain(before: np.ndarray, after: np.ndarray) -> float:
+    """sum ln(before / after) over the joints where both are known, in nats."""
+    with np.errstate(invalid="ignore", divide="ignore"):
+        ratio = np.log(before / after)
+    return float(ratio[np.isfinite(ratio)].sum())
+
+
 @dataclass(frozen=True)
 class Normal:
     """Normal equations of every joint: gram (n, 4, 4) of the scaled columns, norm (n, 4) by which they were scaled, rows (n,) their number,

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calib.gate.check import Cause, GateCheck
-from calib.gate.fit import LEAST_ROWS, SLOW, fitted, model_torque, moving
+from calib.gate.fit import LEAST_ROWS, SLOW, fitted, gain, model_torque, moving
 from calib.gate.missing import mounting_torque
 from calib.gate.search import GainStep
 from calib.gate.signals import Signals
@@ -47,20 +47,20 @@ def pull_of_gravity(arm: Arm, s: Signals, read: Callable[[Arm], Reading]) -> tup
     if shown is None or shown.missing or not shown.angle > LEAST_ANGLE:
         return passed, arm, reading
     turned = replace(arm, tree=replace(arm.tree, gravity=shown.gravity))
-    gain = _gain(_least(_left(arm, s)), _least(_left(turned, s)))
-    if not gain > LEAST_GAIN:
+    gained = gain(_least(_left(arm, s)), _least(_left(turned, s)))
+    if not gained > LEAST_GAIN:
         return passed, arm, reading
     again = read(turned)
-    over = _gain(fitted(reading[2], model_torque(arm, reading[2])).left, _least(_left(turned, again[2])))
+    over = gain(fitted(reading[2], model_torque(arm, reading[2])).left, _least(_left(turned, again[2])))
     simpler = 1 + len(again[0]) <= len(reading[0])
     if not (over > LEAST_GAIN or (simpler and over > -TIE)):
         return passed, arm, reading
     was, now = ("(" + ", ".join(f"{round(x, 1) + 0.0:.1f}" for x in g) + ")" for g in (arm.gravity, shown.gravity))
     cause = f"the arm is mounted differently from its model, turned by {shown.angle:.0f} deg: set gravity of <option> in its folder's model.xml"
     rivals = [step for step in reading[0][:1] if over < TIE]
-    causes = [Cause(step.correction.sentence(arm.joint_names), min(step.gain, gain), (step.correction,)) for step in rivals]
+    causes = [Cause(step.correction.sentence(arm.joint_names), min(step.gain, gained), (step.correction,)) for step in rivals]
     detail = f"gravity pulls along {now} m/s^2 of the base frame and along {was} in the model of {arm.name}"
-    return GateCheck("gravity", False, detail, (Cause(cause, gain), *causes), arm.joint_names), turned, again
+    return GateCheck("gravity", False, detail, (Cause(cause, gained), *causes), arm.joint_names), turned, again
 
 
 def no_gravity(arm: Arm, s: Signals) -> list[GateCheck]:
@@ -130,8 +130,3 @@ def _left(arm: Arm, s: Signals) -> list[np.ndarray]:
 
 def _least(left: list[np.ndarray]) -> np.ndarray:
     return min(left, key=lambda one: float(np.nansum(np.log(one))))
-
-
-def _gain(before: np.ndarray, after: np.ndarray) -> float:
-    ratio = np.log(before / after)
-    return float(ratio[np.isfinite(ratio)].sum())

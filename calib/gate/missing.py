@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.optimize import lsq_linear
 
-from calib.gate.fit import LEAST_ROWS, SLOW, GravityFit, fitted, model_torque, moving
+from calib.gate.fit import LEAST_ROWS, SLOW, GravityFit, fitted, gain, model_torque, moving
 from calib.gate.search import SURE_GAIN, GainStep, steps
 from calib.gate.signals import SHIFTS, Signals
 from sim.arm import Arm
@@ -92,8 +92,7 @@ def without_springs(arm: Arm, s: Signals, joints: Sequence[int]) -> Signals:
 def without_mounting(arm: Arm, s: Signals, fit: GravityFit) -> Signals:
     """The rows without a load, a tilted base and a constant pull where these, with masses as stated, explain SURE_GAIN more than `fit`."""
     beside = replace(s, load=s.load - mounting_torque(arm, s, fit, scaled=False))
-    ratio = np.log(fit.left / fitted(beside, model_torque(arm, s)).left)
-    return beside if float(ratio[np.isfinite(ratio)].sum()) > SURE_GAIN else s
+    return beside if gain(fit.left, fitted(beside, model_torque(arm, s)).left) > SURE_GAIN else s
 
 
 def _spring(s: Signals, j: int) -> np.ndarray:
@@ -129,8 +128,8 @@ def _joint_torque(
     return out
 
 
-def _explains(arm: Arm, s: Signals, plain: GravityFit, missing: np.ndarray, gain: float) -> bool:
-    """Whether a missing torque (R, n) lowers the residuals by more than `gain` nats and leaves no correction that helps."""
+def _explains(arm: Arm, s: Signals, plain: GravityFit, missing: np.ndarray, least: float) -> bool:
+    """Whether a missing torque (R, n) lowers the residuals by more than `least` nats and leaves no correction that helps."""
     beside = replace(s, load=s.load - missing, late=s.late - missing)
-    ratio = np.log(plain.left / fitted(beside, model_torque(arm, s)).left)
-    return float(ratio[np.isfinite(ratio)].sum()) > gain and not steps(arm, beside, SHIFTS)[0]
+    explained = gain(plain.left, fitted(beside, model_torque(arm, s)).left)
+    return explained > least and not steps(arm, beside, SHIFTS)[0]

@@ -11,7 +11,7 @@ import numpy as np
 from calib.gate import readings, scale
 from calib.gate.check import MOST_CAUSES, Cause, GateCheck
 from calib.gate.correction import Correction
-from calib.gate.fit import fitted, model_torque
+from calib.gate.fit import fitted, gain, model_torque
 from calib.gate.search import LEAST_GAIN, ZEROS, ranked, read_as
 from calib.gate.signals import SHIFTS, Signals
 from logs.log import Log
@@ -74,7 +74,9 @@ def _common(own: np.ndarray) -> float | None:
 def _of_rate(common: float) -> Cause:
     """A wrong sample rate, which changes the derivatives of all positions alike."""
     factor = f"{1 / common:.3g} times too fast" if common < 1 else f"{common:.3g} times too slow"
-    return Cause(f"time runs {factor}: the sample rate is wrong; import the file again with the true rate or with its column of times")
+    return Cause(
+        f"time runs {factor}: the sample rate is wrong; import the file again with the true rate or with its column of times"
+    )
 
 
 def _of_units(own: np.ndarray, comparable: np.ndarray) -> list[Correction]:
@@ -124,10 +126,7 @@ def _gain_of(arm: Arm, s: Signals, other: Signals) -> float:
     if other.q is s.q and other.dq is s.dq:
         return LEAST_GAIN / 2
     before = fitted(s, model_torque(arm, s)).left
-    after = fitted(other, model_torque(arm, other)).left
-    with np.errstate(invalid="ignore", divide="ignore"):
-        ratio = np.log(before / after)
-    return float(ratio[np.isfinite(ratio)].sum())
+    return gain(before, fitted(other, model_torque(arm, other)).left)
 
 
 def limits(arm: Arm, logs: Sequence[Log], s: Signals, massive: bool, known: bool) -> tuple[GateCheck, Signals]:

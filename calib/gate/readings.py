@@ -9,7 +9,7 @@ import numpy as np
 
 from calib.gate.check import Cause, GateCheck
 from calib.gate.correction import Correction
-from calib.gate.fit import moving
+from calib.gate.fit import LEAST_ROWS, moving
 from calib.gate.signals import Signals
 from logs.column_map import DRIVE
 from logs.log import COMMANDED, MEASURED, Log
@@ -25,7 +25,6 @@ MOVES, FAST, MOVED = 0.05, 0.1, 0.1  # rad/s, share of the fastest, rad
 SHARE = 0.005  # of the samples
 FACTOR = 2.2  # dq over the derivative of q: units and gears are beyond, filters within
 NEAR = 1.25  # a ratio is a unit's factor within this
-LEAST_ROWS = 40
 ALIKE = 0.9
 STRETCH, STROKE = 0.5, 5e-3  # s, rad: a joint that travels farther in that time moves; a flickering encoder does not reach it
 

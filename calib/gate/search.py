@@ -134,7 +134,7 @@ def _far(arm: Arm, s: Signals, found: GainStep | None) -> GainStep | None:
 def _gain_inside(arm: Arm, s: Signals, by: float) -> float:
     """Gain of a shift over the rows whose shifted instant lies within the recording."""
     at = s.place[:, 0] + by * s.place[:, 3]
-    few = _rows(s, (at >= s.place[:, 1]) & (at <= s.place[:, 2]))
+    few = s.rows((at >= s.place[:, 1]) & (at <= s.place[:, 2]))
     equations = normal(few, model_torque(arm, few))
     return _gain(equations.own(few.load), equations.own(few.later(by)))
 
@@ -170,19 +170,13 @@ def _holds(arm: Arm, s: Signals, c: Correction) -> bool:
     if c.kind == "swap" and c.part == "all":
         order[list(c.joints)] = order[list(c.joints[::-1])]
     for part in range(PARTS):
-        few = _rows(s, place != part)
+        few = s.rows(place != part)
         turned = read_as(few, c)
         before = normal(few, model_torque(arm, few)).own(few.load)
         after = normal(turned, model_torque(arm, turned)).own(turned.load)
         if _gain(before, after[order]) < LEAST_GAIN:
             return False
     return True
-
-
-def _rows(s: Signals, keep: np.ndarray) -> Signals:
-    late = s.late[:, keep] if len(s.late) else s.late
-    arrays = {name: getattr(s, name)[keep] for name in ("t", "q", "dq", "ddq", "read", "load", "log", "place")}
-    return replace(s, late=late, **arrays)
 
 
 def _candidates(arm: Arm, s: Signals, shifts: Sequence[float]) -> Iterator[GainStep]:

@@ -53,7 +53,14 @@ def gap(
     )
 
 
+def mean_of_known(values: Sequence[np.ndarray] | np.ndarray) -> np.ndarray:
+    """(n,) mean over the first axis of those that are no NaN; NaN where all are."""
+    x = np.asarray(values, dtype=float)
+    with np.errstate(invalid="ignore"):
+        return np.asarray(np.nansum(x, axis=0) / np.isfinite(x).sum(axis=0))
+
+
 def noise_between_periods(measurements: Sequence[Measurement]) -> np.ndarray | None:
     """(n,) N m: noise between periods, RMS over the measurements whose motion repeats itself; None where none does."""
     known = [m.noise for m in measurements if m.noise is not None]
-    return np.sqrt(np.nanmean(np.square(known), axis=0)) if known else None
+    return np.sqrt(mean_of_known(np.square(known))) if known else None

@@ -86,7 +86,7 @@ def evidence(found: Identification) -> dict[str, Any]:
             out.append(np.stack([block.a[j] @ theta[rows.used[j]] for j in range(n)], axis=1))
     by_laws = m.rows(torque_of_laws(found.laws, found.model.arm, m.trajectory))
     index = np.flatnonzero(m.row_usable.any(axis=1))
-    index = index[:: max(1, len(index) // MOST_ROWS)]
+    index = index[:: max(1, -(-len(index) // MOST_ROWS))]
     return {
         "joint_names": m.joint_names,
         "log": m.name,

@@ -14,6 +14,7 @@ from scipy.ndimage import uniform_filter1d
 
 from calib.measurement.joint_torque import joint_torque
 from logs.log import Log
+from logs.normal import OF_MEDIAN
 from sim.arm import Arm, ArmEffect
 
 TOP, BELOW = 0.9, 0.85  # of the largest torque: the level of a possible limit, and clearly below it
@@ -31,7 +32,7 @@ CALM = 0.3
 # (the same cases); below 30 on 15 recordings of the real UR10e; 263 on a clean mock whose joint sticks at its reversals (ur30,
 # dry friction 42 N m).
 USUALLY, BEHIND = 130.0, 500.0
-OF_MEDIAN = 1.2533  # standard error of a median over that of a mean, for normal noise
+ERROR_OF_MEDIAN = 1.2533  # standard error of a median over that of a mean, for normal noise
 LEAST_STEP = 1e-6  # rad, or m
 
 
@@ -120,7 +121,7 @@ def _level(tau: np.ndarray, torque: np.ndarray, first: int, end: int) -> tuple[f
             end += 1
         if (first, end) == (before, after):
             stand = tau[first:end]
-            return float(np.median(stand)), float(OF_MEDIAN * stand.std() / np.sqrt(len(stand)))
+            return float(np.median(stand)), float(ERROR_OF_MEDIAN * stand.std() / np.sqrt(len(stand)))
 
 
 def _resolution(q: np.ndarray) -> float:
@@ -131,6 +132,6 @@ def _resolution(q: np.ndarray) -> float:
 
 def _smoothed(tau: np.ndarray, rate: float) -> np.ndarray:
     """(N,) |tau| N m, smoothed because noise rises above a limit."""
-    noise = float(np.median(np.abs(np.diff(tau)))) / (0.6745 * np.sqrt(2.0))
+    noise = float(np.median(np.abs(np.diff(tau)))) * OF_MEDIAN / np.sqrt(2.0)
     wanted = noise / max(NOISE * float(np.quantile(np.abs(tau), 0.998)), 1e-12)
     return np.abs(uniform_filter1d(tau, max(1, round(rate * float(np.clip(wanted**2 / rate, SMOOTH, LONGEST))))))

@@ -156,12 +156,17 @@ class _Level:
 
 
 def pushes(arm: Arm, log: Log) -> list[Push]:
-    """Every push against the standing arm in a log; one that lasts to the end of the log ends there."""
+    """Every push against the standing arm in a log; one that lasts to a gap, or to the end of the log, ends there."""
     standing, found = Standing(arm), []
     tau = joint_torque(log, arm)
     good = np.isfinite(tau).all(axis=1) & np.isfinite(log.q).all(axis=1)
     latest: Push | None = None
+    before = np.nan
     for k in np.flatnonzero(good):
+        if latest is not None and log.t[k] - before >= GAP:  # what happened after the gap is no part of the push
+            found.append(replace(latest, end=before))
+            latest = None
+        before = float(log.t[k])
         push = standing.add(float(log.t[k]), log.q[k], tau[k])
         if push is None:
             continue
@@ -169,7 +174,7 @@ def pushes(arm: Arm, log: Log) -> list[Push]:
         if latest is None:
             found.append(push)
     if latest is not None:
-        found.append(Push(latest.start, float(log.t[-1]), latest.torque, latest.doubt))
+        found.append(replace(latest, end=float(log.t[-1])))
     return found
 
 

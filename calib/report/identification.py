@@ -66,14 +66,23 @@ def write(path: str | Path, result: Mapping[str, Any], evidence: Mapping[str, An
 
 def _facts(result: Mapping[str, Any]) -> list[tuple[str, Any]]:
     gap = result["holdout"] or result["training"]
-    share = np.asarray(gap["sliding"] or gap["after"], float) / np.asarray(gap["signal"], float)
+    known = [share for share in _shares(gap) if share is not None]
     estimates = result["estimates"]
     return [
-        ("residual share, worst joint" + ("" if result["holdout"] else " (training)"), f"{np.nanmax(share):.1%}"),
+        (
+            "residual share, worst joint" + ("" if result["holdout"] else " (training)"),
+            f"{max(known):.1%}" if known else "unknown",
+        ),
         ("condition number", significant(result["condition"], 3)),
         ("identified", f"{sum(bool(e['identifiable']) for e in estimates)} of {len(estimates)} base parameters"),
         ("held-out logs", ", ".join(gap["logs"]) if result["holdout"] else "none"),
     ]
+
+
+def _shares(gap: Mapping[str, Any]) -> list[float | None]:
+    """Residual over the torque's standard deviation, joint by joint; None for a joint that stands."""
+    pairs = zip(gap["sliding"] or gap["after"], gap["signal"], strict=True)
+    return [left / signal if left is not None and signal else None for left, signal in pairs]
 
 
 def _gaps(page: Page, result: Mapping[str, Any]) -> None:
@@ -94,9 +103,9 @@ def _gaps(page: Page, result: Mapping[str, Any]) -> None:
             *([] if between is None else ["between periods [N m]"]),
         ]
         rows = []
-        for k, joint in enumerate(result["joint_names"]):
+        for k, (joint, share) in enumerate(zip(result["joint_names"], _shares(gap), strict=True)):
             slid, signal = (gap["sliding"] or gap["after"])[k], gap["signal"][k]
-            row = [joint, gap["before"][k], gap["after"][k], slid, signal, f"{slid / signal:.1%}"]
+            row = [joint, gap["before"][k], gap["after"][k], slid, signal, None if share is None else f"{share:.1%}"]
             row += [] if between is None else [between[k]]
             rows.append([*row, gap["before_ampere"][k], gap["after_ampere"][k]] if ampere else row)
         page.table(

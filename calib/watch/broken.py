@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from calib.gate.readings import STRETCH, STROKE
 from calib.watch.events import Kind, WatchEvent
 from sim.joint_state import JointState
 
-STRETCH, STROKE = 0.5, 5e-3  # s, rad: a joint that travels farther in that time is moving
 SHARE = 0.1  # of the motion that rows must cover
 MOST = 3.0  # s of motion without rows; none of the four is tuned: one bad reading in 20 leaves no row, one in 50 nearly all
 

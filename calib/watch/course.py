@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib.watch.trend import RUNS_LEAST
+from logs.normal import OF_MEDIAN
 
 STRENGTHS = (
     0.0,
@@ -23,7 +24,7 @@ STRENGTHS = (
 )  # of w: variance of the slope over the whole record, relative to the level
 WIDE = 1e2  # prior variance of level, slope and warmth, in units of the level over the record
 SURER = 2.0  # nats by which a strength must be more likely than the straight line: the 95 % point of a likelihood ratio
-NORMAL = 2 * 0.6745**2  # median of the squared difference of two equal normal variables, over their variance
+NORMAL = 2 / OF_MEDIAN**2  # median of the squared difference of two equal normal variables, over their variance
 
 
 @dataclass(frozen=True)

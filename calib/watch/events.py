@@ -53,7 +53,7 @@ class Quantity:
     unit: str
 
     def __str__(self) -> str:
-        return rounded(self.value, 2 * self.std, self.unit)
+        return rounded(self.value, INTERVAL * self.std, self.unit)
 
 
 @dataclass(frozen=True, slots=True)

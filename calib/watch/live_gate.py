@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from calib.gate.commands import examined
-from calib.watch.broken import STRETCH, STROKE
+from calib.gate.readings import STRETCH, STROKE
 from logs.log import Log
 from sim.arm import Arm
 from sim.joint_state import JointState

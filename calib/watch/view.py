@@ -54,7 +54,8 @@ class WatchView:
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
         if self._live:
-            self._live.stop()
+            with suppress(OSError):  # the terminal has gone; the outcome must not be lost
+                self._live.stop()
 
     def event(self, event: WatchEvent) -> None:
         """Show an event."""
@@ -68,7 +69,8 @@ class WatchView:
         if self._live is None or time.monotonic() < self._due:
             return
         self._due = time.monotonic() + REDRAW
-        self._live.update(self.screen(share, watcher.picture(), watcher.arm.joint_names), refresh=True)
+        with suppress(OSError):
+            self._live.update(self.screen(share, watcher.picture(), watcher.arm.joint_names), refresh=True)
 
     def screen(self, share: float, p: Picture, joints: tuple[str, ...]) -> Group:
         """The screen."""

@@ -149,9 +149,8 @@ class Damiao(Drive):
 
     def _require_mit(self, mode: int | None) -> None:
         if mode != MIT_MODE:
-            raise DeviceError(
-                f"{self.name}: control mode {mode} is set, this driver needs MIT mode ({MIT_MODE}); set it with the maker's tool"
-            )
+            found = "its control mode cannot be read" if mode is None else f"control mode {mode} is set"
+            raise DeviceError(f"{self.name}: {found}, this driver needs MIT mode ({MIT_MODE}); set it with the maker's tool")
 
     def _spans(self, ask: Ask) -> RangeTable:
         spans = [frames.as_float(self._read(ask, number)) for number in (PMAX, VMAX, TMAX)]

@@ -183,7 +183,8 @@ class ODrive(Drive):
         data = bytes((0,)) + endpoint.to_bytes(2, "little") + bytes(5)
 
         def reply(message: can.Message) -> float | None:
-            if message.arbitration_id != self.servo.node << 5 | TX_SDO or message.data[1:3] != endpoint.to_bytes(2, "little"):
+            sender = message.arbitration_id == self.servo.node << 5 | TX_SDO and not message.is_remote_frame
+            if not sender or message.dlc != 8 or message.data[1:3] != endpoint.to_bytes(2, "little"):
                 return None
             return frames.as_float(int.from_bytes(message.data[4:8], "little"))
 

@@ -26,7 +26,7 @@ else:
 SEPARATORS = (",", ";", "\t", " ")
 UTF16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 WINDOWS = "cp1252"
-MAX_HEADER = 1 << 18
+MAX_HEADER = 1 << 17  # characters; no longer than the longest field that the csv module reads
 NULLS = ("", "nan", "NaN", "NAN", "null", "NULL", "None", "NA", "N/A", "-")
 NO_UNIT = ("", "-")
 EVEN = "delete lines before the header, and give every row as many values as it has names; a comma between values cannot be their decimal sign"
@@ -143,7 +143,7 @@ def _with_units(names: list[str], rest: str, separator: str) -> tuple[list[str],
 
 def _row(text: str, separator: str) -> list[str]:
     """The cells of the first line."""
-    return _names(text.partition("\n")[0], separator)
+    return _names(text.partition("\n")[0][:MAX_HEADER], separator)
 
 
 def _width(found: int, columns: int) -> str:
@@ -206,12 +206,14 @@ def _without_the_last(rest: str, first: int, separator: str, width: int, damage:
 
 
 def _numbers(column: pa.Array) -> np.ndarray | None:
-    """A column as float64, as int64 ns where it holds calendar times, None where it holds text."""
+    """A column as float64, as int64 ns where it holds calendar times; None for text, and for times with a gap or beyond 1677 to 2262."""
     kind = column.type
     if pa.types.is_timestamp(kind):
-        return (
-            column.cast(pa.timestamp("ns")).cast(pa.int64()).to_numpy(zero_copy_only=False) if not column.null_count else None
-        )
+        try:
+            stamps = column.cast(pa.timestamp("ns")).cast(pa.int64())
+        except pa.ArrowInvalid:
+            return None
+        return stamps.to_numpy(zero_copy_only=False) if not column.null_count else None
     if pa.types.is_integer(kind) or pa.types.is_floating(kind):
         # unsafe: ns since 1970 have more digits than a float64, which keeps them to 0.3 us
         return column.cast(pa.float64(), safe=False).to_numpy(zero_copy_only=False)

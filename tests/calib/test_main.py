@@ -137,6 +137,14 @@ def test_quiet_prints_nothing_but_errors(line: list[str], capsys: pytest.Capture
     assert capsys.readouterr().out, "quiet ends with its command"
 
 
+def test_a_run_is_stored_without_quiet(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its stored words are those of the command, which the command's own parser reads again."""
+    seen: list[list[str]] = []
+    monkeypatch.setattr(program, "_run", lambda words, invocation: (0, str(seen.append(invocation.arguments))))
+    assert program.main(["identify", "servo6", "-q", "a.mcap"]) == 0
+    assert seen == [["identify", "servo6", "a.mcap"]]
+
+
 def test_no_color_is_respected(tmp_path: Path) -> None:
     """On a terminal of 80 columns: no colour and no wider line."""
     ours, theirs = pty.openpty()

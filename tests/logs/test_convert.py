@@ -2,12 +2,13 @@
 
 import json
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from logs import Recorder, State, read_log
-from logs.convert import import_recording
+from logs.convert import import_recording, write_log
 from sim.errors import BadLog, DeviceError
 from sim.joint_state import JointState
 
@@ -34,6 +35,16 @@ def test_a_csv_file_becomes_a_clean_log(tmp_path, csv_text):
     assert read_log(done.path).state is State.CLEAN
     with pytest.raises(DeviceError, match="never overwritten"):
         import_recording(source, done.path)
+
+
+def test_commanded_speeds_alone_are_kept(tmp_path, csv_text):
+    (tmp_path / "a.csv").write_text(csv_text())
+    log = read_log(tmp_path / "a.csv")
+    speeds = np.arange(log.q.size, dtype=float).reshape(log.q.shape)
+    nothing = np.full(log.q.shape, np.nan)
+    target = tmp_path / "a.mcap"
+    write_log(replace(log, q_cmd=nothing, dq_cmd=speeds, tau_cmd=nothing), target, "clean", {})
+    np.testing.assert_array_equal(read_log(target).dq_cmd, speeds)
 
 
 def test_damaged_rows_leave_an_aborted_log_that_says_so(tmp_path, csv_text):

@@ -57,6 +57,23 @@ def test_rows_of_another_width_than_the_header(
         taken(tmp_path / "a.csv", accept=True)
 
 
+def test_a_cell_longer_than_the_csv_module_reads(tmp_path: Path) -> None:
+    file, long = tmp_path / "a.csv", "x" * 200_000
+    for text in (f"t,{long}\n0,1\n1,2\n", f"t,{long[:70_000]},{long[:70_000]}\n0,1,2\n1,2,3\n"):
+        file.write_text(text)
+        with pytest.raises(BadLog, match="row 1: no row with the names of columns"):
+            read_table(file, FORMATS, Damage(file, False))
+    file.write_text(f"t,q1,note\n0.0,1.0,{long}\n0.1,2.0,b\n0.2,2.0,b\n")
+    table = read_table(file, FORMATS, Damage(file, False))
+    assert (list(table.columns), table.words) == (["t", "q1"], ("note",))
+
+
+def test_times_beyond_those_of_nanoseconds_are_words(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text("t,q1,until\n0.0,1.0,9999-12-31 00:00:00\n0.1,2.0,9999-12-31 00:00:00\n")
+    table = read_table(tmp_path / "a.csv", FORMATS, Damage(tmp_path / "a.csv", False))
+    assert (list(table.columns), table.words) == (["t", "q1"], ("until",))
+
+
 def test_what_is_no_recording(tmp_path: Path) -> None:
     for name, content, words in (
         ("a.csv", b"", "empty"),

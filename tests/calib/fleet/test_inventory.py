@@ -77,7 +77,8 @@ def test_predictions_beside_recordings_are_not_recordings(tmp_path: Path, ur5e: 
     stamps, x = 10**18 + np.arange(9) * 8_000_000, np.zeros((9, ur5e.n))
     write_prediction(tmp_path / "cell" / "prediction.mcap", stamps, ur5e.joint_names, x, x, x, x, "", (), np.zeros((9, 0, 7)))
     recordings, unknown = inventory(str(tmp_path))
-    assert [Path(r.address).name for r in recordings] == ["a.mcap"] and not unknown
+    assert [Path(r.address).name for r in recordings] == ["a.mcap"]
+    assert not unknown
     (tmp_path / "cell" / "a.mcap").unlink()
     with pytest.raises(ConfigError, match="holds no recording"):
         inventory(str(tmp_path))

@@ -85,6 +85,23 @@ def test_a_force_that_stays_and_is_no_weight_lasts_to_the_end(arm: Arm) -> None:
     assert push.end == pytest.approx(SECONDS, abs=0.1)
 
 
+def test_a_push_before_a_gap_ends_there_and_the_next_one_counts_too(arm: Arm) -> None:
+    log = standing(arm, SIDEWAYS)
+    again = standing(arm, SIDEWAYS, start=9.0, end=10.0)
+    tau = np.where(log.t[:, None] < 8.0, log.tau, again.tau)
+    q = np.where(log.t[:, None] < 8.0, log.q, again.q)
+    at = (START + END) / 2
+    kept = (log.t < at) | (log.t > END + 0.5)
+    nan = np.full((int(kept.sum()), 6), np.nan)
+    lost = replace(
+        log, t=log.t[kept], t_host=log.t[kept], q=q[kept], dq=log.dq[kept], tau=tau[kept], current=nan, temperature=nan, q_cmd=nan,
+        dq_cmd=nan, tau_cmd=nan,
+    )  # fmt: skip
+    first, second = pushes(arm, lost)
+    assert (first.start, first.end) == (pytest.approx(START, abs=0.1), pytest.approx(at, abs=0.02))
+    assert (second.start, second.end) == (pytest.approx(9.0, abs=0.1), pytest.approx(10.0, abs=0.1))
+
+
 def test_a_motion_that_begins_is_no_push(arm: Arm) -> None:
     log = standing(arm, np.zeros(3))
     bodies = RigidBody(arm)

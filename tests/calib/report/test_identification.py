@@ -45,6 +45,16 @@ def test_a_fit_without_held_out_log_says_so(tmp_path: Path) -> None:
     assert "a log of the fit itself (no log was held out)" in html
 
 
+def test_a_joint_that_stands_in_the_held_out_log_has_no_share(tmp_path: Path) -> None:
+    whole = fit()
+    signal = np.array([12.0, 0.0, np.nan, 12.0, 12.0, 12.0])[: len(examples.JOINTS)]
+    still = replace(whole, holdout=replace(whole.training, signal=signal))
+    html = identification.write(tmp_path / "p.html", still.as_dict(), examples.motion(300) | {"log": "a.mcap"}).read_text()
+    assert "1.7%" in html
+    assert "inf%" not in html
+    assert "nan%" not in html
+
+
 def test_a_links_parameter_is_not_counted_as_a_base_parameter(tmp_path: Path) -> None:
     """All base parameters may be identified while a link's mass is not. The page distinguishes the two."""
     known = Estimate("m3 + m4", 4.2, 0.02, "kg", nominal=4.0)

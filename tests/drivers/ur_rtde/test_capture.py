@@ -7,6 +7,7 @@ import json
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from calib.main import main
@@ -85,6 +86,22 @@ def test_a_file_that_is_no_capture_is_refused(tmp_path: Path, lines: list[str]) 
     file.write_bytes(b"nothing compressed")
     with pytest.raises(BadLog):
         read_capture(file)
+
+
+def test_a_capture_with_a_damaged_byte_is_refused_or_read(tmp_path: Path) -> None:
+    """A flipped byte of a compressed file is no OSError, ValueError or EOFError, but an error of zlib."""
+    file, rng = tmp_path / "x.jsonl.gz", np.random.default_rng(5)
+    message = '{"t": 0.5, "channel": "rtde", "from": "<", "hex": "%s"}'
+    lines = ['{"schema": "capture/1"}', *(message % rng.bytes(20).hex() for _ in range(20))]
+    whole = gzip.compress("\n".join(lines).encode())
+    refused = 0
+    for place in range(10, len(whole)):
+        file.write_bytes(whole[:place] + bytes([whole[place] ^ 0xFF]) + whole[place + 1 :])
+        try:
+            read_capture(file)
+        except BadLog:
+            refused += 1
+    assert refused > 0.9 * len(whole)
 
 
 def test_a_folder_that_is_taken_is_refused_before_anybody_listens(
