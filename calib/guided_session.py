@@ -17,7 +17,7 @@ from safety.hashes import hashes_of
 from sim.arm import Arm
 from sim.cell import Cell, load_cell
 from sim.errors import ConfigError
-from sim.files import read_toml, write_whole
+from sim.files import read_toml, write_atomically
 from sim.resources import nearest
 from sim.strict import Name, StrictTable, validated
 
@@ -108,7 +108,7 @@ class GuidedSession:
         """Write session.toml; the old file stays until the new one is complete."""
         data: dict[str, Any] = {k: v for k, v in asdict(self).items() if k not in ("folder", "done")}
         data = {"schema": "session/1", **data, "done": [d.model_dump() for d in self.done]}
-        write_whole(self.folder / FILE, tomli_w.dumps(data))
+        write_atomically(self.folder / FILE, tomli_w.dumps(data))
 
 
 def _fine(name: str) -> tuple[int, ...]:

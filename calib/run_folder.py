@@ -20,7 +20,7 @@ import tomli_w
 from calib.past_runs import FILE, RUNS, Run, read_run
 from sim.errors import CalibError, ConfigError
 from sim.file_lock import is_locked, lock_device, locked
-from sim.files import is_name, read_toml, write_whole
+from sim.files import is_name, read_toml, write_atomically
 from sim.version import software_version
 
 if TYPE_CHECKING:
@@ -122,7 +122,7 @@ def end_run(folder: Path, exit_code: int, sentence: str) -> None:
     data = read_toml(file)
     ended = datetime.now(UTC).isoformat(timespec="seconds")
     data["end"] = {"exit_code": exit_code, "sentence": sentence, "ended": ended}
-    write_whole(file, tomli_w.dumps(data))
+    write_atomically(file, tomli_w.dumps(data))
 
 
 def free_folder(folder: Path) -> Path:

@@ -56,13 +56,18 @@ def missing_facts(arm: Arm, joint: int) -> str:
     )
 
 
+def reach_of(mass: float, com: np.ndarray, inertia: np.ndarray) -> float:
+    """m: distance of a link's centre of mass from its joint plus its radius of gyration; com (3,) m, inertia (3, 3) kg m^2 about it."""
+    return float(np.linalg.norm(com) + np.sqrt(max(np.trace(inertia), 0.0) / (2 * mass))) if mass > 0 else 0.0
+
+
 def parameter_box(arm: Arm, cell: Cell) -> tuple[np.ndarray, np.ndarray]:
     """Centre (10 n,) and half-widths (10 n,) of the inertial parameters, including the declared payload on the last link."""
     tree, prior = arm.tree, arm.prior
     pi, delta = [], []
     for mass, com, inertia in zip(tree.mass, tree.com, tree.inertia, strict=True):
         centre = link_parameters(mass, com, inertia)
-        reach = float(np.linalg.norm(com)) + float(np.sqrt(max(np.trace(inertia), 0.0) / (2 * mass))) if mass > 0 else 0.0
+        reach = reach_of(mass, com, inertia)
         widths = np.empty(10)
         widths[0] = prior.mass * mass
         widths[1:4] = np.abs(centre[1:4]) * prior.mass + mass * reach * prior.com

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from safety.parameters import PAYLOAD_DOUBT, SIGMAS
+from safety.parameters import PAYLOAD_DOUBT, SIGMAS, reach_of
 from sim.arm import Arm
 from sim.cell import Cell
 
@@ -71,9 +71,10 @@ def _bodies(arm: Arm, cell: Cell) -> list[tuple[int, float, np.ndarray, float, f
     tree, prior = arm.tree, arm.prior
     out = []
     for link, (mass, com, inertia) in enumerate(zip(tree.mass, tree.com, tree.inertia, strict=True)):
-        turning = float(np.trace(inertia))
-        reach = float(np.linalg.norm(com)) + (float(np.sqrt(max(turning, 0.0) / (2 * mass))) if mass > 0 else 0.0)
-        out.append((link, float(mass), com, turning, SIGMAS * prior.mass, SIGMAS * (prior.com + prior.mass) * reach))
+        reach = reach_of(mass, com, inertia)
+        out.append(
+            (link, float(mass), com, float(np.trace(inertia)), SIGMAS * prior.mass, SIGMAS * (prior.com + prior.mass) * reach)
+        )
     load = cell.table.payload
     if load is not None:
         out.append((arm.n - 1, load.mass, np.array(load.com), 0.0, PAYLOAD_DOUBT, 0.0))

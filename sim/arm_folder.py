@@ -18,6 +18,7 @@ from sim.arm import Arm, ArmEffect, load_arm
 from sim.arm_table import ArmTable, LimitsTable
 from sim.effects import checked, with_effect
 from sim.errors import ConfigError
+from sim.files import write_atomically
 from sim.mjcf_edit import Inertial, edited
 from sim.mjcf_tree import tree_text
 from sim.model import compiled, kinematic_tree
@@ -219,18 +220,3 @@ def _stated(data: dict[str, Any]) -> dict[str, Any]:
     """The entries worth writing: no empty lists, and no torque_at or speed_from with its usual value."""
     stated = {key: _stated(value) if isinstance(value, dict) else value for key, value in data.items()}
     return {key: value for key, value in stated.items() if value != [] and (key, value) not in USUAL}
-
-
-def write_atomically(file: Path, text: str) -> None:
-    """Write `text` to `file`, whole or not at all: to a file beside it, flushed to disk, then renamed."""
-    descriptor, name = tempfile.mkstemp(dir=file.parent, prefix=f".{file.name}.")
-    try:
-        with os.fdopen(descriptor, "w", encoding="utf-8", newline="\n") as stream:
-            stream.write(text)
-            stream.flush()
-            os.fsync(stream.fileno())
-        os.chmod(name, 0o644)
-        os.replace(name, file)
-    except BaseException:
-        Path(name).unlink(missing_ok=True)
-        raise

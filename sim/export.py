@@ -13,11 +13,10 @@ from typing import Any
 import numpy as np
 
 from sim.arm import Arm
-from sim.arm_folder import write_atomically
 from sim.effects import effect_named
 from sim.errors import ConfigError
 from sim.feedforward import friction_table, isaaclab_actuator, payload_table
-from sim.files import is_name
+from sim.files import is_name, write_atomically
 from sim.mujoco_export import exported_model
 from sim.resources import nearest
 from sim.units import of_slide

@@ -8,6 +8,7 @@ from __future__ import annotations
 import os
 import re
 import stat
+import tempfile
 import tomllib
 import unicodedata
 from pathlib import Path
@@ -91,14 +92,22 @@ def read_toml(file: Path, remedy: str = "correct the file at that place") -> dic
     return toml_table(read_text(file, MAX_TABLE, remedy=remedy), file, remedy)
 
 
-def write_whole(file: Path, text: str) -> None:
-    """Replace a file once the new content is complete; on a full disk no partial file is left. OSError as from writing."""
-    part = file.with_name(f"{file.name}.part")
+def write_atomically(file: Path, text: str) -> None:
+    """Write `text` to `file`, whole or not at all: to a file beside it, flushed to disk, then renamed. OSError names `file`."""
+    name = None
     try:
-        part.write_text(text, encoding="utf-8")
-        part.replace(file)
-    except OSError:
-        part.unlink(missing_ok=True)
+        descriptor, name = tempfile.mkstemp(dir=file.parent, prefix=f".{file.name}.")
+        with os.fdopen(descriptor, "w", encoding="utf-8", newline="\n") as stream:
+            stream.write(text)
+            stream.flush()
+            os.fsync(stream.fileno())
+        os.chmod(name, 0o644)
+        os.replace(name, file)
+    except BaseException as error:
+        if name is not None:
+            Path(name).unlink(missing_ok=True)
+        if isinstance(error, OSError):
+            raise OSError(error.errno, error.strerror, str(file)) from error
         raise
 
 

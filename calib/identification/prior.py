@@ -21,7 +21,7 @@ def full_covariance(arm: Arm) -> np.ndarray:
     """(11 n, 11 n) covariance of link parameters and reflected inertias.
 
     Mass, centre of mass and inertia of each link err independently. The standard deviation of a centre of mass is prior.com
-    times the link's size, which is its distance from the joint plus its radius of gyration. Reflected inertias follow
+    times the link's size, |com| + sqrt(trace(I) / m) with the inertia I about the centre of mass. Reflected inertias follow
     sim.prior.spread.
     """
     n, tree, prior = arm.n, arm.tree, arm.prior

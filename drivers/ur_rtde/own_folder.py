@@ -15,10 +15,11 @@ from drivers.driver import Check
 from drivers.ur_rtde.family import FAMILY, member
 from drivers.ur_rtde.primary import OwnArm
 from sim.arm import Arm, load_arm
-from sim.arm_folder import arm_toml_text, write_atomically
+from sim.arm_folder import arm_toml_text
 from sim.arm_table import ArmTable
 from sim.dh import joint_frames
 from sim.errors import ConfigError
+from sim.files import write_atomically
 from sim.mjcf import numbers
 
 CALIBRATION_MAX = (

@@ -1,6 +1,5 @@
 """An arm written to a folder reads back as intended, to the last digit, and plain MuJoCo loads it."""
 
-import os
 from dataclasses import replace
 
 import mujoco
@@ -8,7 +7,7 @@ import numpy as np
 import pytest
 
 from sim.arm import ArmEffect, load_arm
-from sim.arm_folder import write_arm, write_atomically
+from sim.arm_folder import write_arm
 from sim.errors import ConfigError
 from sim.required import require_limits
 from sim.rigid_body import RigidBody
@@ -216,19 +215,6 @@ def test_only_an_arm_is_replaced(tmp_path):
         write_arm(tmp_path / "arm", written)
     assert write_arm(tmp_path / "arm", arm, name="second").name == "second"
     assert sorted(p.name for p in tmp_path.iterdir()) == ["arm", "notes"]
-
-
-def test_a_file_is_written_whole_or_not_at_all(tmp_path, monkeypatch):
-    write_atomically(tmp_path / "file", "old")
-
-    def crash(*_):
-        raise OSError("disk full")
-
-    monkeypatch.setattr(os, "replace", crash)
-    with pytest.raises(OSError, match="disk full"):
-        write_atomically(tmp_path / "file", "new")
-    assert (tmp_path / "file").read_text() == "old"
-    assert len(list(tmp_path.iterdir())) == 1
 
 
 def test_text_of_arm_toml_escapes_what_looks_like_rows(tmp_path):

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import errno
 import os
 from pathlib import Path
 
 import pytest
 
 from sim.errors import ConfigError
-from sim.files import checked_label, is_name, printable, read_bytes, read_toml, toml_table, write_whole
+from sim.files import checked_label, is_name, printable, read_bytes, read_toml, toml_table, write_atomically
 
 
 @pytest.mark.parametrize(
@@ -76,9 +77,25 @@ def test_control_characters_become_visible() -> None:
 def test_a_file_is_written_whole_or_not_at_all(tmp_path: Path) -> None:
     file = tmp_path / "a.toml"
     for text in ("x = 1\n", "x = 2\n"):
-        write_whole(file, text)
+        write_atomically(file, text)
     assert file.read_text() == "x = 2\n"
     (tmp_path / "taken").mkdir()
     with pytest.raises(OSError, match="taken"):
-        write_whole(tmp_path / "taken", "x = 3\n")
+        write_atomically(tmp_path / "taken", "x = 3\n")
     assert sorted(p.name for p in tmp_path.iterdir()) == ["a.toml", "taken"]
+
+
+@pytest.mark.parametrize("step", ["replace", "fsync"])
+def test_a_full_disk_leaves_the_file_as_it_was(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, step: str) -> None:
+    file = tmp_path / "a.toml"
+    write_atomically(file, "old")
+
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device", "somewhere")
+
+    monkeypatch.setattr(os, step, full)
+    with pytest.raises(OSError, match="No space left") as caught:
+        write_atomically(file, "new")
+    assert caught.value.filename == str(file)
+    assert file.read_text() == "old"
+    assert len(list(tmp_path.iterdir())) == 1
