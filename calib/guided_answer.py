@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from calib.claims.diagnosis_sentences import words
 from calib.claims.of_diagnosis import disagrees
 from sim.errors import ConfigError
 
@@ -39,14 +40,10 @@ def doubtful(found: dict[str, Any]) -> bool:
 def undecided(found: dict[str, Any]) -> list[str]:
     """`a and b` for the effects that the recordings could not distinguish."""
     return [
-        f"{_words(effect)} and {_words(rival)}"
+        f"{words(effect['effect'], effect.get('joint'))} and {words(rival['effect'], rival.get('joint'))}"
         for effect in found["effects"]
         for rival in effect.get("indistinguishable_from") or []
     ]
-
-
-def _words(effect: dict[str, Any]) -> str:
-    return f"{effect['effect'].replace('_', ' ')}" + (f" at {effect['joint']}" if effect.get("joint") else "")
 
 
 def _faults(found: Any) -> Iterator[str]:

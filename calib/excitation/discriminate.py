@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from calib.claims.diagnosis_sentences import words
 from calib.excitation.design import coarse, fitted_to_room, noise_of
 from calib.excitation.fourier import Basis, Fourier, random_fourier
 from calib.excitation.objective import Objective
@@ -107,7 +108,7 @@ def _require_different(arm: Arm, motion: Trajectory, effect: ArmEffect, rival: t
     pairs = [(effect, rival), *((item, own) for item in typical(arm, rival))]
     most = max(separation(arm, motion, *pair) for pair in pairs)
     if most < SAME:
-        names = " and ".join(name.replace("_", " ") + (f" at {joint}" if joint else "") for name, joint in (own, rival))
+        names = " and ".join(words(*key) for key in (own, rival))
         raise AnswerIsNo(
             f"{arm.name}: no motion separates {names} from each other and from a refit of the arm's parameters ({most:.2g} standard deviations; "
             f"{ENOUGH:g} are needed); decide by other means: {effect_named(effect.effect).experiment or 'measure one of them by itself'}, or weigh the "

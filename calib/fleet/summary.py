@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from calib.claims.diagnosis_sentences import quantity
+from calib.claims.diagnosis_sentences import quantity, words
 from calib.fleet.fleet import Fleet, deviates
 from calib.fleet.job import ArmStatus
 from calib.fleet.siblings import LEAST, OUTLIER
@@ -70,7 +70,7 @@ def deviation_rows(fleet: Fleet) -> list[list[Any]]:
     for row in fleet.rows:
         for e in row.get("effects") or ():
             size = ", ".join(f"{p['name'].replace('_', ' ')} {quantity(p)}" for p in e["parameters"])
-            out.append([row["arm"], e["effect"].replace("_", " "), e["joint"] or "whole arm", size, since(e)])
+            out.append([row["arm"], words(e["effect"], None), e["joint"] or "whole arm", size, since(e)])
         out += [[row["arm"], "something without a name", joint, "", ""] for joint in row.get("unexplained") or ()]
         if row.get("disagrees"):
             out.append([row["arm"], "the model does not agree, and no effect is identified", "", "", ""])
