@@ -17,6 +17,7 @@ from sim.instant import instant
 from sim.mjcf import TWIST
 from sim.mjcf_drives import READING
 from sim.mujoco_export import DRY
+from sim.slip import SLIP_WIDTH
 
 MANY = 1000  # simulations whose memory is kept at once
 MODELS = 100  # models whose effects are kept: the last ones used
@@ -130,9 +131,10 @@ class ExportedArm:
             excess = law.lugre[1] - law.lugre[0]
             model.actuator_biasprm[actuator, 3] = warmth * max(level, 1e-9)
             model.actuator_biasprm[actuator, 4] = warmth * max(level + excess, 1e-9)
-            model.actuator_dynprm[actuator, 5] = warmth * law.stiffness
+            stiffness = law.stiffness if law.stiffest is None else min(max(level + excess, 1e-9) / SLIP_WIDTH, law.stiffest)
+            model.actuator_dynprm[actuator, 5] = warmth * stiffness
             # its force is limited to that of the friction: in fast motion a load-dependent level would feed back amplified
-            damping, most = warmth * law.damping, max(warmth * level, 1e-9)
+            damping, most = warmth * law.damping * stiffness / law.stiffness, max(warmth * level, 1e-9)
             model.actuator_dynprm[actuator, 6] = damping / (1 + damping * abs(float(state.dq[0, j])) / most)
         if self.warmed and np.any(state.warmth != 1.0):
             # the elements model it cold

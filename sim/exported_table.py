@@ -19,11 +19,15 @@ SCHEMA = "effects/2"
 
 
 class DryFriction(StrictTable):
-    """The LuGre element of a joint: lugre is Coulomb level, break-away level (N m) and Stribeck speed (rad/s)."""
+    """The LuGre element of a joint: lugre is Coulomb level, break-away level (N m) and Stribeck speed (rad/s).
+
+    stiffest: up to this stiffness, friction of a varying level builds up over SLIP_WIDTH; None for a stated stiffness.
+    """
 
     stiffness: Positive
     damping: NotNegative
     softened: bool
+    stiffest: Positive | None = None
     lugre: Annotated[list[Positive], Field(min_length=3, max_length=3)]
 
 

@@ -14,6 +14,12 @@ import numpy as np
 Element = ElementTree.Element
 TENDON = ("stiffness", "damping", "armature", "frictionloss")
 FLUID = ("density", "viscosity", "wind")
+# flags of <option> that switch off what every arm has
+SWITCHED_OFF = {
+    "gravity": mujoco.mjtDisableBit.mjDSBL_GRAVITY, "frictionloss": mujoco.mjtDisableBit.mjDSBL_FRICTIONLOSS,
+    "damper": mujoco.mjtDisableBit.mjDSBL_DAMPER, "spring": mujoco.mjtDisableBit.mjDSBL_SPRING,
+    "actuation": mujoco.mjtDisableBit.mjDSBL_ACTUATION, "limit": mujoco.mjtDisableBit.mjDSBL_LIMIT,
+}  # fmt: skip
 
 
 def foreign_physics(model: mujoco.MjModel) -> list[str]:
@@ -30,6 +36,8 @@ def foreign_physics(model: mujoco.MjModel) -> list[str]:
         [not (mujoco.mj_id2name(model, kinds.mjOBJ_TENDON, k) or "").startswith("calib_") for k in range(model.ntendon)]
     )
     fluid = [key for key in FLUID if np.any(getattr(model.opt, key))]
+    off = [key for key, bit in SWITCHED_OFF.items() if model.opt.disableflags & bit]
+    off += ["actuatorgroupdisable"] if model.opt.disableactuator else []
     rows = (
         ("gravcomp of body", names(kinds.mjOBJ_BODY, model.body_gravcomp != 0)),
         (
@@ -43,6 +51,7 @@ def foreign_physics(model: mujoco.MjModel) -> list[str]:
             names(kinds.mjOBJ_TENDON, tendons & own) if model.ntendon else "",
         ),
         ("option", ", ".join(fluid)),
+        ("what the options disable:", ", ".join(off)),
         ("equality", names(kinds.mjOBJ_EQUALITY, np.ones(model.neq, dtype=bool))),
     )
     return [f"{what} {where}" for what, where in rows if where]
@@ -56,6 +65,10 @@ def without_foreign_physics(root: Element) -> None:
     for option in root.findall("option"):
         for key in FLUID:
             option.attrib.pop(key, None)
+        option.attrib.pop("actuatorgroupdisable", None)
+        for flag in option.findall("flag"):
+            for key in SWITCHED_OFF:
+                flag.attrib.pop(key, None)
     for equality in root.findall("equality"):
         root.remove(equality)
     for body in root.iter("body"):

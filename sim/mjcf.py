@@ -94,15 +94,36 @@ def _add_effects(root: ElementTree.Element, arm: Arm) -> None:
             add_elements(root, form, item.joint, driven_by(arm.joint_names, item))
 
 
+PASSIVE = "calib_passive"
+UNLIKE_A_MOTOR = {
+    "gear": "1", "forcelimited": "false", "ctrllimited": "false", "actlimited": "false", "damping": "0", "armature": "0", "group": "0",
+}  # fmt: skip
+# what a default for the user's tendons may set
+PLAIN_TENDON = {"stiffness": "0", "damping": "0", "frictionloss": "0", "armature": "0", "limited": "false"}
+
+
 def add_elements(root: ElementTree.Element, form: Mjcf, joint: str | None, before: str | None) -> None:
     """Write the elements of an effect into the sections of a model; `before`: the joint through which its joint is driven."""
     for name, tag, attributes in form.elements:
-        ElementTree.SubElement(section(root, name), tag, attributes)
+        if tag == "dcmotor":
+            add_passive(root, attributes)
+        else:
+            ElementTree.SubElement(section(root, name), tag, attributes)
     if form.tendon is not None and joint is not None and before is not None:
         ratio, attributes = form.tendon
-        tendon = ElementTree.SubElement(section(root, "tendon"), "fixed", attributes)
+        tendon = ElementTree.SubElement(section(root, "tendon"), "fixed", PLAIN_TENDON | attributes)
         for name, share in ((joint, 1.0), (before, ratio)):
             ElementTree.SubElement(tendon, "joint", {"joint": name, "coef": repr(share)})
+
+
+def add_passive(root: ElementTree.Element, attributes: dict[str, str]) -> None:
+    """Write a dcmotor without input. MuJoCo has one default for actuators of all kinds: where the model has defaults, a class undoes them."""
+    default = root.find("default")
+    if default is not None:
+        if not any(e.get("class") == PASSIVE for e in default.findall("default")):
+            ElementTree.SubElement(ElementTree.SubElement(default, "default", {"class": PASSIVE}), "general", UNLIKE_A_MOTOR)
+        attributes = {**attributes, "class": PASSIVE}
+    ElementTree.SubElement(section(root, "actuator"), "dcmotor", attributes)
 
 
 def section(root: ElementTree.Element, name: str) -> ElementTree.Element:

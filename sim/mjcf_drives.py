@@ -25,10 +25,10 @@ def set_range(element: Element, arm: Arm, model: mujoco.MjModel, j: int, degrees
 
 
 def set_limit(model: mujoco.MjModel, elements: list[Element], motors: list[Element], limits: list[float]) -> None:
-    """Limit each motor to the least of `limits`, N m at the joint, and its own; elements: the model's actuators in order."""
+    """Limit the motors together to the least of `limits`, N m at the joint, and each to its own; elements: the model's actuators in order."""
     for motor in motors if limits else []:
         k = elements.index(motor)
-        least = min(limits) / max(abs(float(model.actuator_gear[k, 0])), 1e-12)
+        least = min(limits) / len(motors) / max(abs(float(model.actuator_gear[k, 0])), 1e-12)
         if model.actuator_forcelimited[k]:
             least = min(least, float(np.abs(model.actuator_forcerange[k]).min()))
         motor.attrib.pop("forcelimited", None)

@@ -54,6 +54,7 @@ def edited(
     _without_drives(root, model)
     degrees = in_degrees(root)
     for j, (_, joint) in enumerate(bodies):
+        joint.set("name", joint.get("name") or before.joint_names[j])
         _set_joint(joint, model, before, after, j, degrees)
     if not np.array_equal(before.gravity, after.gravity):
         _set_gravity(root, after.gravity)

@@ -21,7 +21,7 @@ from sim.arm_folder import JOINT_KEYS, model_text
 from sim.effects import Effect, Exported, Stage, effect_named
 from sim.exported_table import SCHEMA, TABLE
 from sim.foreign_physics import foreign_physics, without_foreign_physics
-from sim.mjcf import SOFT_STEP, STEP, joint_size, least_rotor, numbers, section
+from sim.mjcf import SOFT_STEP, STEP, add_passive, joint_size, least_rotor, numbers, section
 from sim.mjcf_drives import add_readings, set_limit, set_range
 from sim.mjcf_edit import actuators_of, bodies_of, in_degrees
 from sim.mjcf_form import passive
@@ -39,6 +39,7 @@ STIFFEST = 0.25**2
 # bristle damping in units of stiffness * step. MuJoCo uses the deflection of the previous step, which acts as a damping of -stiffness * step;
 # with less than this against it, a joint at rest under load vibrates and creeps by 1 mrad/s
 DAMPING = 1.5
+LITTLE = 0.01  # of a joint's inertia: no error that is stated
 
 
 @dataclass(frozen=True)
@@ -74,12 +75,12 @@ def exported_model(arm: Arm) -> ExportedModel:
     soft = any(e.form.twist for e in entries)
     step = min(float(model.opt.timestep), SOFT_STEP if soft else STEP)
     _set_option(root, step)
-    actuators = section(root, "actuator")
+    section(root, "actuator")
     degrees = in_degrees(root)
     elements = actuators_of(root)
     own = [e for e in elements if not e.get("name", "").startswith("calib_")]
     inertia = _inertia(arm)
-    dry = {}
+    dry, heavier = {}, {}
     for j, joint in enumerate(arm.joint_names):
         here = [e for e in entries if e.item.joint == joint]
         element, motors = bodies[joint][1], [e for e in own if e.get("joint") == joint]
@@ -103,12 +104,11 @@ def exported_model(arm: Arm) -> ExportedModel:
         if law is not None:
             dry[joint] = law
             element.set("frictionloss", "0")
-            ElementTree.SubElement(
-                actuators,
-                "dcmotor",
-                passive(DRY.format(joint), joint=joint) | {"lugre": numbers([law["stiffness"], law["damping"], *law["lugre"]])},
-            )
-    _add_forces(root, model, bodies, actuators, entries)
+            lugre = {"lugre": numbers([law["stiffness"], law["damping"], *law["lugre"]])}
+            add_passive(root, passive(DRY.format(joint), joint=joint) | lugre)
+            if not any(e.form.twist or (e.effect.stage is Stage.FRICTION and e.form.form == "callback") for e in here):
+                heavier[joint] = _without_implicit_inertia(element, arm, joint, step * law["damping"], float(inertia[j]))
+    _add_forces(root, model, bodies, entries)
     add_readings(root, own, arm, max([e.form.delay for e in entries], default=0.0), step)
     gears = {e.item.joint: e for e in entries if e.form.twist and e.item.joint is not None}
     raised = {}
@@ -117,9 +117,9 @@ def exported_model(arm: Arm) -> ExportedModel:
         if value_of(arm, "rotor_inertia", joint, "inertia") < least:
             raised[joint] = least
             bodies[joint][1].set("armature", numbers([least]))
-        split_joint(root, bodies, joint, entry.form, bool(arm.tree.prismatic[arm.joint_index(joint)]))
+        split_joint(root, bodies, joint, entry.form, model)
     extend_keys(root, [arm.joint_index(joint) for joint in gears], lambda: _states(root, arm))
-    table = _table(arm, entries, dry, {e.get("joint") for e in own}, gears, raised)
+    table = _table(arm, entries, dry, {e.get("joint") for e in own}, gears, raised, heavier)
     for custom in root.findall("custom"):
         for old in [e for e in custom.findall("text") if e.get("name") == TABLE]:
             custom.remove(old)
@@ -143,6 +143,7 @@ def _table(
     driven: set[str | None],
     gears: dict[str, _Entry],
     raised: dict[str, float],
+    heavier: dict[str, float],
 ) -> dict[str, Any]:
     """Table that `calib.mujoco` reads and `calib export` reports: each effect with its parameters, form, element and error."""
     rows = []
@@ -159,6 +160,9 @@ def _table(
             )
         if "stiffness" in form.dry and dry.get(item.joint or "", {}).get("softened"):
             error = f"softened to {dry[item.joint or '']['stiffness']:.3g} N m/rad, the limit of the simulation step"
+        elif form.dry and heavier.get(item.joint or "", 0.0) > LITTLE:
+            more = f"the joint moves as with {heavier[item.joint or '']:.0%} more inertia"
+            error = f"{error}; {more}" if error else more
         rows.append({
             "effect": item.effect, "joint": item.joint, "parameters": item.parameters, "form": kind, "how": how,
             "error": error, "shapes": "excess" in form.dry or "stiffness" in form.dry,
@@ -204,8 +208,22 @@ def _dry_friction(here: list[_Entry], inertia: float, step: float, tau_max: floa
     floor = max(peak, 1e-9)  # MuJoCo wants a level above zero
     lugre = [max(level, floor - excess), floor, shares.get("velocity", 1.0)]
     stiffest = STIFFEST * inertia / step**2
-    softened, stiffness = stiffness > stiffest and "stiffness" in shares, min(stiffness, stiffest)
-    return {"stiffness": stiffness, "damping": DAMPING * stiffness * step, "softened": softened, "lugre": lugre}
+    softened, stiffness = bool(stiffness > stiffest and "stiffness" in shares), float(min(stiffness, stiffest))
+    law = {"stiffness": stiffness, "damping": DAMPING * stiffness * step, "softened": softened, "lugre": lugre}
+    # a level that varies, with a build-up of no stated stiffness, builds up over the same distance at every level
+    return law | ({} if "stiffness" in shares else {"stiffest": float(stiffest)})
+
+
+def _without_implicit_inertia(element: Element, arm: Arm, joint: str, excess: float, inertia: float) -> float:
+    """Lower the reflected inertia by `excess` kg m^2, which MuJoCo adds; return the share of the joint's inertia that is left too much.
+
+    implicitfast counts the bristle's damping as that of the joint, although a bristle that slides does not move with it: step * damping
+    is added to the joint's inertia.
+    """
+    rotor = value_of(arm, "rotor_inertia", joint, "inertia")
+    taken = min(excess, rotor)
+    element.set("armature", numbers([rotor - taken]))
+    return (excess - taken) / inertia
 
 
 def _set_option(root: Element, step: float) -> None:
@@ -219,7 +237,7 @@ def _set_option(root: Element, step: float) -> None:
 
 
 def _add_forces(
-    root: Element, model: mujoco.MjModel, bodies: dict[str, tuple[Element, Element]], actuators: Element, entries: list[_Entry]
+    root: Element, model: mujoco.MjModel, bodies: dict[str, tuple[Element, Element]], entries: list[_Entry]
 ) -> None:
     """Add a constant force in the world on the origin of the last link."""
     forces = [e.form.force for e in entries if e.form.force is not None]
@@ -231,4 +249,4 @@ def _add_forces(
     for place, name, position in ((world, WORLD, np.zeros(3)), (last, LAST, model.jnt_pos[len(bodies) - 1])):
         ElementTree.SubElement(place, "site", {"name": name, "pos": numbers(position)})
     at = {"site": LAST, "refsite": WORLD, "gear": numbers([*np.sum(forces, axis=0), 0, 0, 0])}
-    ElementTree.SubElement(actuators, "dcmotor", passive("calib_tool_force", 1.0) | at)
+    add_passive(root, passive("calib_tool_force", 1.0) | at)

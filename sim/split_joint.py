@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Iterable
 from xml.etree import ElementTree
 
+import mujoco
 import numpy as np
 
 from sim.effects import Exported
@@ -13,9 +14,18 @@ from sim.mjcf_edit import Element, fixed_children, in_degrees
 from sim.self_contact import exclude
 
 
-def split_joint(root: Element, bodies: dict[str, tuple[Element, Element]], joint: str, form: Exported, slides: bool) -> None:
-    """Insert a motor body with the joint between the link and its carrier; a second hinge attaches the link to it."""
+def split_joint(
+    root: Element, bodies: dict[str, tuple[Element, Element]], joint: str, form: Exported, model: mujoco.MjModel
+) -> None:
+    """Insert a motor body with the joint between the link and its carrier; a second hinge attaches the link to it.
+
+    model: compiled from the text `root` before it was changed.
+    """
     body, hinge = bodies[joint]
+    own = model.joint(joint)
+    slides = own.type[0] == mujoco.mjtJoint.mjJNT_SLIDE
+    # written for the body's own frame: a <frame> around the hinge does not move along with it
+    hinge.attrib.update(pos=numbers(own.pos), axis=numbers(own.axis))
     above = {child: parent for parent in root.iter() for child in parent}
     carrier, place = above[body], list(above[body]).index(body)
     placed = ("pos", "quat", "axisangle", "xyaxes", "zaxis", "euler")

@@ -40,7 +40,7 @@ class Objective:
     """Value, and gradient with respect to the free coefficients x (n, f), of motions about one home posture.
 
     Columns: base parameters, friction, and the linear candidates of a diagnosis, so that the motion distinguishes them from the
-    rest. These are a spring and a quadratic speed law at every joint, and the two tilts of the base.
+    rest. These are a spring and a quadratic speed law at every joint, and the tilts of the base that change a torque.
     """
 
     def __init__(
@@ -77,9 +77,10 @@ class Objective:
         most = {"q": (arm.q_max - arm.q_min) / 2, "dq": arm.dq_max, "ddq": arm.ddq_max, "jerk": arm.jerk_max}
         self._limits = np.array([TIGHTER[order] * MARGIN[order] * limit for order, limit in most.items()])
         self._links = model.body.parameters()
-        self._tilt = [np.array([GRAVITY, 0.0, 0.0]), np.array([0.0, GRAVITY, 0.0])]
+        tilts = GRAVITY * np.eye(3)[:2]
+        self._tilt = [gravity for gravity in tilts if _felt(model, gravity)]  # parallel axes feel only one
         self._slope = slope
-        self.p = len(model.base) + len(FRICTION) * n + 2 * n + 2
+        self.p = len(model.base) + len(FRICTION) * n + 2 * n + len(self._tilt)
         self.prior = np.zeros((self.p, self.p))
         if (model.arm.model_path.parent / FILE).is_file():
             share = SAMPLES / (INDEPENDENT * start.basis.period)
@@ -207,7 +208,7 @@ class Objective:
         slopes = [*body.slopes(q, dq, ddq, weights[:, :, : 10 * n])]
         slopes[2] += weights[:, j, 10 * n + j]
         for tilt, gravity in enumerate(self._tilt):
-            slopes[0] += body.slopes(q, zero, zero, z[:, :, tilt - 2, None] * self._links, gravity)[0]
+            slopes[0] += body.slopes(q, zero, zero, z[:, :, tilt - len(self._tilt), None] * self._links, gravity)[0]
         b = len(self.model.base)
         at, candidates = b + len(FRICTION) * j, b + len(FRICTION) * n
         bend = (1 - np.tanh(dq / self._sign_width) ** 2) / self._sign_width
@@ -216,3 +217,10 @@ class Objective:
         slopes[2] += np.abs(w) * self._friction.inertia_doubt * np.sign(ddq)
         slopes[0] += z[:, j, candidates + j]
         return slopes
+
+
+def _felt(model: TorqueModel, gravity: np.ndarray) -> bool:
+    """Whether gravity (3,) m/s^2 causes a torque in any of some postures."""
+    q = np.random.default_rng(0).uniform(-1.0, 1.0, (20, model.arm.n))
+    torque = model.body.inverse_dynamics(q, np.zeros_like(q), np.zeros_like(q), gravity)
+    return bool(np.abs(torque).max() > 1e-9 * max(float(model.arm.tree.mass.sum()), 1.0))

@@ -64,11 +64,12 @@ def speed(arm: Arm, s: Signals, massive: bool) -> tuple[GateCheck, Signals]:
 
 
 def _common(own: np.ndarray) -> float | None:
-    """The ratio that all joints with one have in common, of two or more; None where they differ."""
+    """The ratio beyond RATE_FACTOR that all joints with one have in common, of two or more; None where they differ."""
     values = own[np.isfinite(own)]
     if len(values) < 2 or np.any(values <= 0) or np.ptp(np.log(values)) > ALIKE:
         return None
-    return float(np.median(values))
+    common = float(np.median(values))
+    return common if abs(math.log(common)) > math.log(RATE_FACTOR) else None
 
 
 def _of_rate(common: float) -> Cause:

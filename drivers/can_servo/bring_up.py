@@ -170,4 +170,6 @@ def bring_up(link: Link, clock: Clock, drives: Sequence[Drive], options: CanOpti
     """Identities and silence timeouts, s, of the drives; DeviceError for other traffic, an unknown drive, or no watchdog."""
     enquiry = Enquiry(link, clock)
     listen(link, clock, drives, options.ignore)
-    return identify(enquiry, drives, options), guard_by_watchdog(enquiry, drives, options)
+    found = identify(enquiry, drives, options), guard_by_watchdog(enquiry, drives, options)
+    link.recount()
+    return found

@@ -71,7 +71,6 @@ class CanServo(Driver):
             link, self._stream, self._fault = self._open_link(), None, None
             try:
                 self.identities, self.watchdogs = bring_up(link, self.clock, self.drives, self.options)
-                link.recount()
                 self._begin(link)
                 stands = self.read().q
                 if "turns-as-read" not in self.options.assume:

@@ -126,7 +126,7 @@ def test_a_random_motion_fitted_to_its_room_is_cleared() -> None:
 
 def test_information_grows_with_the_motion() -> None:
     model = TorqueModel.of_arm(ARM)
-    information = Information(model, noise_of(model))
+    information = Information(model, noise_of(model.arm))
     motion = random_fourier(Basis(6, 20.0), HOME, np.random.default_rng(3))
     small, large = (information.worth(motion.scaled(k).sampled(10.0)) for k in (0.2, 0.6))
     assert large.log_det > small.log_det + 20
@@ -165,7 +165,7 @@ def test_a_start_in_collision_says_which_bodies() -> None:
     room = Room(ARM, CELL)
     assert fitted_to_room(room, random_fourier(Basis(4, 10.0), folded, np.random.default_rng(0))) is None
     with pytest.raises(AnswerIsNo, match=r" and wrist.* mm nearer to each other"):
-        random_start(room, Information(MODEL, noise_of(MODEL)), Basis(4, 10.0), folded, np.random.default_rng(0), 1)
+        random_start(room, Information(MODEL, noise_of(MODEL.arm)), Basis(4, 10.0), folded, np.random.default_rng(0), 1)
 
 
 def test_a_cell_without_a_free_posture_names_what_is_too_near() -> None:
@@ -179,7 +179,7 @@ def test_limits_that_are_too_tight_name_the_one_that_binds() -> None:
     weak = replace(ARM, tau_max=np.array([330.0, 60.0, 150.0, 54.0, 54.0, 54.0]))
     room, model = Room(weak, CELL), TorqueModel.of_arm(weak)
     with pytest.raises(AnswerIsNo, match="torque"):
-        random_start(room, Information(model, noise_of(model)), Basis(4, 10.0), HOME, np.random.default_rng(0), 2)
+        random_start(room, Information(model, noise_of(model.arm)), Basis(4, 10.0), HOME, np.random.default_rng(0), 2)
 
 
 QUICKEST = replace(QUICK, tries=3)

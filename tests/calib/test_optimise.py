@@ -40,7 +40,7 @@ def boxed(arm: Arm) -> Cell:
 
 def test_boxes_take_part_in_the_gradient() -> None:
     motion = random_fourier(Basis(5, 10.0), HOME, np.random.default_rng(0))
-    free, full = (Objective(Room(ARM, cell), MODEL, noise_of(MODEL), motion, samples=40) for cell in (CELL, boxed(ARM)))
+    free, full = (Objective(Room(ARM, cell), MODEL, noise_of(ARM), motion, samples=40) for cell in (CELL, boxed(ARM)))
     assert full(motion.x)[0] > free(motion.x)[0]
     _, gradient = full(motion.x)
     for seed in range(3):
@@ -65,7 +65,7 @@ def test_the_gradient_is_the_slope_of_the_value(name: str) -> None:
     model = TorqueModel.of_arm(arm)
     # large enough to exceed every limit, the clearance and the cap on the condition number, so that all of them contribute
     motion = random_fourier(Basis(5, 10.0), HOME, np.random.default_rng(0)).scaled(1.2)
-    objective = Objective(Room(arm, open_cell(arm)), model, noise_of(model), motion, samples=40, fine=True)
+    objective = Objective(Room(arm, open_cell(arm)), model, noise_of(arm), motion, samples=40, fine=True)
     _, gradient = objective(motion.x)
     for seed in range(3):
         along = np.random.default_rng(seed).standard_normal(motion.x.shape)
@@ -74,9 +74,9 @@ def test_the_gradient_is_the_slope_of_the_value(name: str) -> None:
 
 
 def test_a_short_descent_already_determines_more() -> None:
-    room, information = Room(ARM, CELL), Information(MODEL, noise_of(MODEL))
+    room, information = Room(ARM, CELL), Information(MODEL, noise_of(ARM))
     start, before = random_start(room, information, Basis(4, 10.0), HOME, np.random.default_rng(1), 1)
-    objective = Objective(room, MODEL, noise_of(MODEL), start, samples=60)
+    objective = Objective(room, MODEL, noise_of(ARM), start, samples=60)
     x, value, gain, _ = lowest(objective, start.x, 60)
     assert value < objective(start.x)[0] - 10
     assert 0 <= gain < objective(start.x)[0] - value
@@ -164,7 +164,7 @@ def test_the_next_motion_determines_what_the_first_left_open(tmp_path: Path) -> 
     # small motions exceed no limit, so the value is that of the information alone
     motions = [random_fourier(Basis(4, 10.0), HOME, np.random.default_rng(seed)).scaled(0.1) for seed in range(6)]
     first, second = (
-        Objective(Room(a, CELL), TorqueModel.of_arm(a), noise_of(MODEL), motions[0], 40, capped=False) for a in (ARM, again)
+        Objective(Room(a, CELL), TorqueModel.of_arm(a), noise_of(ARM), motions[0], 40, capped=False) for a in (ARM, again)
     )
     open_ones = [*unknown, *range(MODEL.p, second.p)]  # no recording has determined the candidates
 
@@ -181,7 +181,7 @@ def test_the_next_motion_determines_what_the_first_left_open(tmp_path: Path) -> 
 
 @pytest.mark.slow
 def test_eight_starts_reach_the_cap_and_are_cleared_as_they_are() -> None:
-    room, information = Room(ARM, CELL), Information(MODEL, noise_of(MODEL))
+    room, information = Room(ARM, CELL), Information(MODEL, noise_of(ARM))
     best, before = random_start(room, information, Basis(6, 20.0), HOME, np.random.default_rng(0), 20)
     shares: list[float] = []
     found = optimised(Site(ARM, CELL), best, 8, 0, lambda stage, share: shares.append(share))
