@@ -9,6 +9,7 @@ from __future__ import annotations
 import getpass
 import re
 import sys
+from contextlib import suppress
 from contextvars import ContextVar
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
@@ -83,8 +84,14 @@ def new_run(
         stream = (folder / FILE).open("xb")  # whoever creates the file owns the folder
     except FileExistsError:
         raise _taken(folder) from None
-    stream.write(text.encode())
-    stream.flush()
+    try:
+        stream.write(text.encode())
+        stream.flush()
+    except OSError:
+        _take_back(folder)
+        with suppress(OSError):  # it still holds what could not be written
+            stream.close()
+        raise
     if invocation is None:
         stream.close()
         return folder
@@ -92,6 +99,20 @@ def new_run(
     invocation.locks.append(stream)
     invocation.folders.append(folder)
     return folder
+
+
+def _take_back(folder: Path) -> None:
+    """Remove a run.toml that could not be written, and put the one before it back in its place."""
+    (folder / FILE).unlink(missing_ok=True)
+    before = _kept_before(folder)
+    if before.exists():
+        before.rename(folder / FILE)
+
+
+def _kept_before(folder: Path, free: bool = False) -> Path:
+    """The latest earlier run.toml of a folder, or the name for one more."""
+    k = next(k for k in range(1, 10**6) if not (folder / f"run-{k}.toml").exists())
+    return folder / f"run-{k if free else k - 1}.toml"
 
 
 def lock_cell(cell: Cell) -> None:
@@ -151,8 +172,7 @@ def require_free(out: Path | None) -> None:
 
 def _own(out: Path, continues: str | None) -> Path:
     if _require_place(out, continues):
-        k = next(k for k in range(1, 10**6) if not (out / f"run-{k}.toml").exists())
-        (out / FILE).rename(out / f"run-{k}.toml")
+        (out / FILE).rename(_kept_before(out, free=True))
     out.mkdir(parents=True, exist_ok=True)
     return out
 

@@ -5,15 +5,13 @@ from __future__ import annotations
 from collections.abc import Hashable
 from typing import Any
 
-import mujoco
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from sim.arm import Arm
 from sim.effects import Stage, effect_named
+from sim.flange import flange_of
 from sim.mjcf import full_inertia, joint_size
 from sim.mjcf_edit import mounted
-from sim.model import compiled
 from sim.own_values import effort_limits
 from sim.prediction import by_stage
 from sim.slip import SLIP_WIDTH
@@ -21,7 +19,6 @@ from sim.torque_path import PathState
 
 SPEEDS = 20  # in each direction, evenly up to the joint's largest speed
 RUN_IN = 10.0  # rad of slip beforehand: a hundred times the longest displacement over which friction builds up
-FLANGE = "attachment_site"
 
 
 def friction_table(arm: Arm) -> list[dict[str, Any]]:
@@ -85,7 +82,7 @@ def payload_table(arm: Arm) -> dict[str, Any]:
     centre: Universal Robots, URScript manual.
     """
     found = mounted(arm.model_text)
-    place, turn, frame = _flange(arm)
+    place, turn, frame = flange_of(arm)
     lines = [f"set_gravity({_list(-arm.gravity)!r})"]
     payload = None
     if found is not None:
@@ -138,17 +135,6 @@ def isaaclab_actuator(arm: Arm) -> dict[str, Any]:
         "actuator": actuator | {key: row or None for key, row in limits.items()},
         "left_out": left_out,
     }
-
-
-def _flange(arm: Arm) -> tuple[np.ndarray, np.ndarray, str]:
-    """Position (3,) and axes (3, 3) of the flange in the last link's frame, and what it was taken from."""
-    model = compiled(arm.model_text, arm.model_path.parent, arm.name)
-    site = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, FLANGE)
-    last = model.joint(arm.joint_names[-1])
-    if site < 0 or int(model.site_bodyid[site]) != int(last.bodyid[0]):
-        return np.zeros(3), np.eye(3), f"last link {arm.tree.link_names[-1]}"
-    turn = Rotation.from_quat(model.site_quat[site], scalar_first=True).as_matrix()
-    return model.site_pos[site] - last.pos, turn, f"site {FLANGE}"
 
 
 def _list(row: np.ndarray) -> list[float]:

@@ -97,6 +97,11 @@ def read_model(file: Path, staging: Path, root: Path | None = None, choice: Choi
             notes.append(
                 f"{meshes} collision meshes are enclosed in {'convex pieces' if choice.hulls else 'capsules'}; the arm has {len(kept.shapes)} shapes"
             )
+        if whole is not None:
+            notes.append(
+                "the model is written anew, so its sites, sensors, cameras, keyframes, tendons and actuators are left out; each joint has a motor "
+                "with gear 1"
+            )
         staged = staging / "model.xml"
         staged.write_text(tree_text(kept, name), encoding="utf-8")
         whole = replace(load_arm(staged), dq_max=kept.dq_max)

@@ -51,8 +51,9 @@ def command(
 ) -> int:
     """Guide through a whole session: check, plan, record, identify, validate, diagnose, and another round if the answer is open.
 
-    Every step is a command of this program; it is printed, and its output is kept. Leave at any question or with Ctrl-C; the same
-    command continues where you left the session. Everything is in one folder, with the page session.html.
+    Every step is a command of this program; it is printed, and its output is kept (of a recording that you watch, its outcome).
+    Leave at any question or with Ctrl-C; the same command continues where you left the session. Everything is in one folder, with
+    the page session.html.
 
     Example:
 
@@ -181,7 +182,7 @@ def _do(current: GuidedSession, step: GuidedStep, yes: bool, configs: Path | Non
             code, sentence = start(arguments)
     finally:
         console.GUIDED.reset(guided)
-    (current.folder / f"{number}-{step.name}.txt").write_text(printed.getvalue(), encoding="utf-8")
+    (current.folder / f"{number}-{step.name}.txt").write_text(printed.getvalue() or f"{sentence}\n", encoding="utf-8")
     if code not in step.fine:
         console.say(printed.getvalue().rstrip("\n"))
     current = current.with_done(step, step.folder, code, sentence, time.monotonic() - began)

@@ -16,6 +16,7 @@ import numpy as np
 
 from calib.measurement.preprocessing import Measurement
 from sim.arm import Arm
+from sim.flange import flange_of
 from sim.model import no_warnings
 from sim.own_values import value_of, values_of
 from sim.plant import Plant
@@ -118,7 +119,7 @@ def forward_error(arm: Arm, m: Measurement, horizon: Horizon = SHORT, loop: Arm 
                 endless = np.full(arm.n, np.inf)
                 return ForwardError(horizon, endless, np.inf, _rms(travel), tuple(starts), np.full(len(starts), np.inf))
     error = np.array(errors)
-    linear, _ = bodies.jacobian(tr.q[at])
+    linear, _ = bodies.jacobian(tr.q[at], point=flange_of(arm)[0])
     moved = np.einsum("kcj,kj->kc", linear, error)
     on_axis = bool(np.all(np.abs(linear) < ON_AXIS))
     parts = np.array_split(np.sum((error if on_axis else moved) ** 2, axis=1), len(starts) * (PARTS if horizon.closed else 1))

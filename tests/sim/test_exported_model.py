@@ -64,6 +64,11 @@ FOREIGN = {
     "stiffness, damping, armature and friction of tendon t": {
         "more": '<tendon><fixed name="t" stiffness="20" armature="0.5"><joint joint="first" coef="1"/><joint joint="second" coef="-1"/></fixed></tendon>'
     },
+    "what the options disable: gravity, actuatorgroupdisable": {
+        "option": 'actuatorgroupdisable="0"',
+        "more": '<option><flag gravity="disable"/></option>',
+    },
+    "what the options disable: damper": {"more": '<option><flag damper="disable"/></option>'},
     "equality tied": {"more": '<equality><joint name="tied" joint1="first" joint2="second"/></equality>'},
 }
 
@@ -129,7 +134,7 @@ def test_tells_the_motors_of_joints_with_like_names_apart(tmp_path):
     file.write_text(text.replace("</actuator>", '<motor joint="first" gear="3" ctrlrange="-1 1"/></actuator>'))
     arm = replace(load_arm(file), tau_max=np.array([20.0, 5.0]))
     model = mujoco.MjModel.from_xml_string(exported_model(arm).text)
-    np.testing.assert_allclose(model.actuator_forcerange[:3, 1], [2.0, 5.0, 20.0 / 3])
+    np.testing.assert_allclose(model.actuator_forcerange[:3, 1], [1.0, 5.0, 10.0 / 3])  # two motors share 20 N m
     data = mujoco.MjData(model)
     data.ctrl[:] = 0.5, 2.0, 1.0
     mujoco.mj_step(model, data)
