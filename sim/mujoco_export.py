@@ -149,7 +149,7 @@ def _table(
     rows = []
     for entry in entries:
         item, form = entry.item, entry.form
-        error, kind, how = form.error, form.form, _how(form, item, dry)
+        error, kind, how = form.error, form.form, "dcmotor lugre" if form.dry and item.joint in dry else form.how
         if form.limit is not None and item.joint not in driven:
             error = "this model has no motor on the joint: limit the torque that you apply"
         if form.twist and gears.get(item.joint or "") is not entry:
@@ -175,10 +175,6 @@ def _table(
         "dry_friction": dry,
         "effects": rows,
     }
-
-
-def _how(form: Exported, item: ArmEffect, dry: dict[str, dict[str, Any]]) -> str:
-    return "dcmotor lugre" if form.dry and item.joint in dry else form.how
 
 
 def _inertia(arm: Arm) -> np.ndarray:

@@ -24,12 +24,15 @@ from sim.model import compiled, kinematic_tree
 from sim.model_text import urdf_speed_limits
 from sim.prior import stated_prior
 from sim.resources import nearest
-from sim.ros_urdf import NO_MASS, reduced_urdf
+from sim.ros_urdf import NO_MASS, parents_of, reduced_urdf
 from sim.size import sized
 from sim.tree import KinematicTree
 
 FINGER = 0.15  # m: a last joint that slides by less may be a gripper's finger
 ROBOT = 300  # joints of a whole robot, of which the arm is a part
+REWRITTEN = (
+    "left out: sites, sensors, cameras, keyframes, tendons and actuators of the model; each joint has a motor with gear 1"
+)
 MOST_TURNS = 10  # of a joint: more than multi-turn drives have; any range above 63 degrees exceeds it if written in degrees
 
 
@@ -67,7 +70,7 @@ def read_model(file: Path, staging: Path, root: Path | None = None, choice: Choi
         rotors = np.array([found.rotors.get(joint, 0.0) for joint in tree.joint_names])
         tree = replace(tree, dq_max=urdf_speed_limits(found.text, tree.joint_names), armature=tree.armature + rotors)
         followers = {name: found.followers[name] for name in tree.joint_names if name in found.followers}
-        parents = _urdf_parents(found.text)
+        parents = parents_of(found.text)
         whole, name = None, _name(file, found.text, notes)
     else:
         whole = load_arm(file)
@@ -98,10 +101,7 @@ def read_model(file: Path, staging: Path, root: Path | None = None, choice: Choi
                 f"{meshes} collision meshes are enclosed in {'convex pieces' if choice.hulls else 'capsules'}; the arm has {len(kept.shapes)} shapes"
             )
         if whole is not None:
-            notes.append(
-                "the model is written anew, so its sites, sensors, cameras, keyframes, tendons and actuators are left out; each joint has a motor "
-                "with gear 1"
-            )
+            notes.append(REWRITTEN)
         staged = staging / "model.xml"
         staged.write_text(tree_text(kept, name), encoding="utf-8")
         whole = replace(load_arm(staged), dq_max=kept.dq_max)
@@ -223,17 +223,6 @@ def _followers(model: mujoco.MjModel) -> dict[str, tuple[str, float, float]]:
 def _body_parents(model: mujoco.MjModel) -> dict[str, str]:
     names = [mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_BODY, b) or f"body_{b}" for b in range(model.nbody)]
     return {names[b]: names[int(model.body_parentid[b])] for b in range(1, model.nbody)}
-
-
-def _urdf_parents(text: str) -> dict[str, str]:
-    from xml.etree import ElementTree
-
-    out = {}
-    for joint in ElementTree.fromstring(text).iter("joint"):
-        up, down = joint.find("parent"), joint.find("child")
-        if up is not None and down is not None:
-            out[down.get("link", "")] = up.get("link", "")
-    return out
 
 
 def _name(file: Path, text: str, notes: list[str]) -> str:

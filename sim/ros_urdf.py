@@ -215,3 +215,13 @@ def mesh_file(address: str, model: Path, root: Path | None) -> Path | None:
 
 def _looked(root: Path | None) -> str:
     return f"under {root}" if root else "beside and above the model"
+
+
+def parents_of(text: str) -> dict[str, str]:
+    """Link -> the link that it is attached to, of a URDF."""
+    out = {}
+    for joint in ElementTree.fromstring(text).iter("joint"):
+        up, down = joint.find("parent"), joint.find("child")
+        if up is not None and down is not None:
+            out[down.get("link", "")] = up.get("link", "")
+    return out

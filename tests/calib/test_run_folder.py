@@ -3,7 +3,6 @@
 import json
 import os
 import re
-import resource
 import subprocess
 import sys
 import tomllib
@@ -13,7 +12,7 @@ from typing import Any
 import pytest
 
 from calib.newest_arm import latest_arm
-from calib.past_runs import FILE, latest, list_runs, newest, read_run
+from calib.past_runs import latest, list_runs, newest, read_run
 from calib.run_folder import INVOCATION, Invocation, end_run, lock_cell, login_name, new_run, require_free
 from sim.cell import load_cell
 from sim.errors import ConfigError, DeviceError
@@ -235,21 +234,3 @@ def test_a_user_without_a_name_gives_one(error: Exception, monkeypatch: pytest.M
     assert login_name("ada") == "ada"
     with pytest.raises(ConfigError, match="give --operator NAME"):
         login_name()
-
-
-def test_a_full_disk_leaves_the_run_that_goes_on_as_it_was(tmp_path: Path) -> None:
-    """A session continues in its folder; if that cannot be recorded, its record is the one before."""
-    out = tmp_path / "session"
-    folder = new_run("ur5e", "go", out, continues=True)
-    end_run(folder, 1, "stopped")
-    before = (folder / FILE).read_text()
-    limit = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (40, limit[1]))
-    try:
-        with pytest.raises(OSError, match="File too large"):
-            new_run("ur5e", "go", out, continues=True)
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, limit)
-    assert (folder / FILE).read_text() == before
-    assert sorted(f.name for f in folder.iterdir()) == [FILE]
-    assert new_run("ur5e", "go", out, continues=True) == folder
