@@ -130,6 +130,8 @@ def _show(found: Watched) -> None:
         "" if math.isnan(p.nis) else f"; filter consistency (NIS per degree of freedom, 1 expected): {significant(p.nis)}"
     )
     judged = "" if p.fits is not None else "; whether the readings fit the arm was not assessed (`fits` is null in watch.json)"
+    since = min((t for t in p.compared_from.tolist() if math.isfinite(t)), default=None)
+    judged += "" if since is None else f"; residuals are compared with those of the first {since:.0f} s"
     console.say(
         f"{len(found.events)} event{'' if len(found.events) == 1 else 's'} in {found.seconds:.1f} s{consistency}{judged}."
     )

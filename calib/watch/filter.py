@@ -150,7 +150,12 @@ class TorqueFilter:
 
     def restore(self, earlier: FilterState) -> None:
         """Return to an earlier state, with e reset to zero and its stationary variance."""
-        self.x, self.covariance = earlier.x.copy(), earlier.covariance.copy()
+        self.x, self.covariance = earlier.x, earlier.covariance.copy()
+        self._begin_anew()
+
+    def _begin_anew(self) -> None:
+        """Set e to zero, with its stationary variance; the covariance is changed in place."""
+        self.x = self.x.copy()
         self.x[self.unknown] = 0.0
         self.covariance[self.unknown, :] = self.covariance[:, self.unknown] = 0.0
         self.covariance[self.unknown, self.unknown] = np.diag(self._slow)
@@ -193,9 +198,10 @@ class TorqueFilter:
         self.covariance = self.covariance + jump.response @ jump.covariance @ jump.response.T
 
     def open(self) -> None:
-        """Add the covariance of a change to that of the payload, which may have become anything."""
+        """Add the covariance of a change to that of the payload, which may have become anything; e, which holds part of it, begins anew."""
         self.covariance = self.covariance.copy()
         self.covariance[self.payload, self.payload] += np.diag(self.jump_prior())
+        self._begin_anew()
 
     def _predict(self, seconds: float) -> None:
         self._decay = np.ones(len(self.x))

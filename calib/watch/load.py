@@ -14,6 +14,7 @@ import numpy as np
 from calib.watch.events import Kind, Quantity, WatchEvent
 from calib.watch.filter import FilterState, Innovation, TorqueFilter
 from calib.watch.jump import CANDIDATES, Jump, JumpDetector
+from calib.watch.load_events import Com, com_of, contact_event, payload_event, undecided_event
 from calib.watch.momentum import Row
 from sim.arm import Arm
 
@@ -55,8 +56,8 @@ class LoadWatch:
         self._past: deque[tuple[float, float, FilterState]] = deque(maxlen=CANDIDATES + 2)
         self.moved = np.zeros(arm.n)
         self._rest = 0.0  # s since a row was informative
-        self._claim = 0.0
-        self._began = np.nan
+        # s for which a claim is sure, whether the payload was opened for it, and since when it may have come
+        self._claim, self._opened, self._began = 0.0, False, np.nan
         self.announced = filter_.x[:4].copy()
         self._announced_std = 0.0
         self.claimed: Quantity | None = None
@@ -77,16 +78,12 @@ class LoadWatch:
         """Mass at the flange, including that in the model."""
         return Quantity(float(self._filter.x[0] + self._known[0]), float(np.sqrt(self._filter.covariance[0, 0])), "kg")
 
-    def com(self) -> tuple[Quantity, Quantity, Quantity] | None:
+    def com(self) -> Com | None:
         """Centre of mass in the last link's frame; None where the mass is too small to determine one."""
         mass = self.mass()
         if not mass.value > max(3 * mass.std, self.least):
             return None
-        c = (self._filter.x[1:4] + self._known[1:4]) / mass.value
-        slope = np.column_stack([-c, np.eye(3)]) / mass.value
-        std = np.sqrt(np.diag(slope @ self._filter.covariance[:4, :4] @ slope.T))
-        x, y, z = (Quantity(float(a), float(s), "m") for a, s in zip(c, std, strict=True))
-        return x, y, z
+        return com_of(mass.value, self._filter.x[1:4] + self._known[1:4], self._filter.covariance[:4, :4])
 
     def add(self, row: Row, trusted: bool) -> tuple[list[WatchEvent], Innovation | None]:
         """Events of this row, and its innovation; no change is considered before the model is `trusted` to be this arm's."""
@@ -101,6 +98,11 @@ class LoadWatch:
         if self._rest > RESTED:  # a load added or removed meanwhile is not a jump within the earlier rows
             self._detector.forget()
             began -= self._rest
+            if (
+                self._open is not None and not self._open.contact
+            ):  # what the next motion shows is not the change before the rest
+                self._filter.restore(self._open.before)
+                self._open = None
         self._rest = 0.0
         self.moved += used * row.seconds
         if self._open is not None and self._open.contact:
@@ -127,7 +129,8 @@ class LoadWatch:
             return [self._contact(row, jump.torque)]
         self._filter.shift(jump)
         change = Quantity(float(self._filter.x[0] - before.x[0]), float(np.sqrt(self._filter.covariance[0, 0])), "kg")
-        text = f"the load changed by {change}; whether it is a payload is known after {CONFIRM:g} s of motion"
+        self._filter.open()  # a few rows are known of it, and a part of it had been taken for model error
+        text = f"the load changed by {change}; whether it is a payload shows within {UNDECIDED:g} s of motion"
         return [WatchEvent(Kind.LOAD_CHANGED, row.t, (first, last), text, {"mass_change": change})]
 
     def _follow_change(self, row: Row, used: np.ndarray, innovation: Innovation, jump: Jump | None) -> list[WatchEvent]:
@@ -149,19 +152,18 @@ class LoadWatch:
         if self._differs(open_.before.x[:4], np.sqrt(open_.before.covariance[0, 0])):
             self._open = None
             return self._announce(row.t, open_.began)
-        if open_.moved > UNDECIDED:
-            self._open = None
-        return []
+        if open_.moved <= UNDECIDED:
+            return []
+        self._open = None
+        return [undecided_event(row.t, open_.began)]
 
     def _as_before(self, row: Row, used: np.ndarray, open_: _Open) -> bool:
         """Whether the estimate from before the change explains the rows again, as it would not if the change persisted."""
         old, new = (self._filter.left(row, x)[used] / self._filter.noise[used] for x in (open_.before.x, self._filter.x))
         apart = float(np.mean((old - new) ** 2))
         worst = float(np.mean(old**2))
-        if open_.contact:
-            open_.calm = open_.calm + 1 if worst < AS_BEFORE and np.max(np.abs(old)) < 4 else 0
-        else:
-            open_.calm = open_.calm + 1 if worst < AS_BEFORE and apart > 2 * worst + 1 else 0
+        again = np.max(np.abs(old)) < 4 if open_.contact else apart > 2 * worst + 1
+        open_.calm = open_.calm + 1 if worst < AS_BEFORE and again else 0
         return open_.calm >= CALM_ROWS
 
     def _passed(self, row: Row, open_: _Open) -> list[WatchEvent]:
@@ -203,28 +205,35 @@ class LoadWatch:
     def _contact(self, row: Row, torque: np.ndarray) -> WatchEvent:
         assert self._open is not None
         j = int(np.argmax(np.abs(torque) / self._filter.noise))
-        joint = self._arm.joint_names[j]
         size = Quantity(float(torque[j]), float(self._filter.noise[j]), "N*m")
-        text = f"something touched the arm or pulls on it: {joint} carries {size} more, which no load at the flange explains"
-        return WatchEvent(Kind.UNEXPECTED_CONTACT, row.t, self._open.began, text, {"torque": size}, joint)
+        return contact_event(row.t, self._open.began, self._arm.joint_names[j], size)
 
     def _claimed(self, row: Row, trusted: bool) -> list[WatchEvent]:
-        """Claim a load that was there from the start, or came while the arm stood or crept, once it has been sure for `CONFIRM` s."""
+        """Claim a load that was there from the start, or came while the arm stood or crept, once it has been sure for `CONFIRM` s.
+
+        A change that only the random walk of the payload follows lags behind: before it is claimed, the payload is opened and estimated anew.
+        """
         enough = bool(np.count_nonzero(self.moved >= JOINT_SECONDS) >= min(JOINTS_LEAST, self._arm.n))
+        settled = self.settled
         self.settled |= enough and bool(self._filter.covariance[0, 0] < (KNOWN * self._filter.mass_scale) ** 2)
-        if not trusted or not self._differs(self.announced, self._announced_std):
-            self._claim = 0.0
+        differs = trusted and self._differs(self.announced, self._announced_std)
+        if not differs and not (self._opened and self._claim < UNDECIDED):
+            self._claim, self._opened = 0.0, False
             return []
         self._claim += row.seconds
-        return self._announce(row.t, (self._began, row.t)) if self._claim > CONFIRM else []
+        if self._claim <= CONFIRM or not differs:
+            return []
+        if self._opened or not settled:
+            return self._announce(row.t, (self._began, row.t))
+        self._filter.open()
+        self._claim, self._opened = 0.0, True
+        return []
 
     def _differs(self, from_: np.ndarray, std: float) -> bool:
         x, mass = self._filter.x, self._filter.x[0] + self._known[0]
         spread = float(np.sqrt(self._filter.covariance[0, 0] + std**2))
         change = abs(x[0] - from_[0])
-        if not (change > SURE * spread and change > self.least):
-            return False
-        if mass < -3 * spread:
+        if not change > max(SURE * spread, self.least) or mass < -3 * spread:
             return False
         moment = float(np.linalg.norm(x[1:4] - from_[1:4]))
         return moment < FAR * self._filter.reach * change + 3 * float(np.sqrt(self._filter.covariance[1:4, 1:4].trace()))
@@ -232,19 +241,10 @@ class LoadWatch:
     def _announce(self, t: float, began: tuple[float, float]) -> list[WatchEvent]:
         before, self.announced = self.announced[0] + self._known[0], self._filter.x[:4].copy()
         self._announced_std = float(np.sqrt(self._filter.covariance[0, 0]))
-        self._began, self._claim = t, 0.0
+        self._began, self._claim, self._opened = t, 0.0, False
         mass = self.mass()
-        size = {"mass": mass, "mass_change": Quantity(mass.value - before, mass.std, "kg")}
-        removed = abs(mass.value) < max(self.least, 3 * mass.std)
+        removed = abs(mass.value) < max(
+            self.least, SURE * mass.std
+        )  # what is claimed can differ from nothing, and be withdrawn
         self.claimed = None if removed else mass
-        if removed:
-            text = f"payload removed: {before:.3g} kg gone, {mass} remain"
-            return [WatchEvent(Kind.PAYLOAD_REMOVED, t, began, text, size)]
-        com = self.com()
-        where = ""
-        if com is not None:
-            size |= dict(zip(("com_x", "com_y", "com_z"), com, strict=True))
-            where = f" at ({', '.join(f'{1e3 * c.value:.0f}' for c in com)}) mm in the last link's frame"
-        if abs(before) < self.least:
-            return [WatchEvent(Kind.PAYLOAD_ATTACHED, t, began, f"payload attached: {mass}{where}", size)]
-        return [WatchEvent(Kind.PAYLOAD_CHANGED, t, began, f"payload changed from {before:.3g} kg to {mass}{where}", size)]
+        return [payload_event(t, began, before, mass, None if removed else self.com(), removed, abs(before) < self.least)]

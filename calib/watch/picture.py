@@ -28,7 +28,7 @@ class Picture:
 
     nis is the normalised innovation squared over its degrees of freedom, averaged over recent motion: 1 where the filter is consistent,
     NaN before the first motion. moved (n,) is s of informative motion, seconds (n,) the part of it since the load was known, residual (n,)
-    the unexplained N m RMS in that part. claimed is the mass that the last load event reported, None where none did. hidden, kg, is the
+    the unexplained N m RMS in that part, compared_from (n,) s since when it is compared with that of the first motion, NaN where it is not. claimed is the mass that the last load event reported, None where none did. hidden, kg, is the
     largest mass that static friction can hide in the present pose, None while the arm moves. broken: hardly any reading of the present
     motion could be used.
     """
@@ -45,6 +45,7 @@ class Picture:
     moved: np.ndarray
     seconds: np.ndarray
     residual: np.ndarray
+    compared_from: np.ndarray
     hidden: float | None
     samples: int
     faults: dict[str, int]

@@ -74,7 +74,7 @@ class Watched:
             "joints": [
                 {
                     "joint": joint, "moved": p.moved[j], "seconds": p.seconds[j], "coulomb": f and f.coulomb, "viscous": f and f.viscous,
-                    "residual": p.residual[j], "temperature": p.friction[j].temperature,
+                    "residual": p.residual[j], "compared_from": p.compared_from[j], "temperature": p.friction[j].temperature,
                 }
                 for j, joint in enumerate(arm.joint_names)
                 for f in [p.measured(j)]

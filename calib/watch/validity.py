@@ -35,6 +35,9 @@ class ValidityWatch:
         self._recent = np.zeros(n)
         self._worse = np.zeros(n)
         self._reported = False
+        self.compared_from = np.full(
+            n, np.nan
+        )  # s: since when each joint's residual is compared with that of its first REFERENCE s
 
     @property
     def residual(self) -> np.ndarray:
@@ -59,7 +62,7 @@ class ValidityWatch:
         gain = np.minimum(row.seconds / RECENT, 1.0) * used
         self._recent = np.where(self._recent > 0, self._recent + gain * (left**2 - self._recent), np.where(used, left**2, 0.0))
         learnt = np.isnan(self._reference) & (self._seconds > REFERENCE)
-        self._reference[learnt] = self.residual[learnt]
+        self._reference[learnt], self.compared_from[learnt] = self.residual[learnt], row.t
         return self._against_reference(row, used)
 
     def _first(self, row: Row) -> list[WatchEvent]:

@@ -119,7 +119,8 @@ class Watcher:
         return Picture(
             t=self._row.t if self._row is not None else np.nan, payload=self._load.mass(), claimed=self._load.claimed, com=self._load.com() if self._load.settled else None,
             settled=self._load.settled, deciding=self._load.deciding, fits=self._validity.fits, friction=self._wear.now(self._temperature),
-            nis=self._nis, moved=self._load.moved.copy(), seconds=self._validity.seconds.copy(), residual=self._validity.residual, hidden=self._hidden(),
+            nis=self._nis, moved=self._load.moved.copy(), seconds=self._validity.seconds.copy(), residual=self._validity.residual,
+            compared_from=self._validity.compared_from.copy(), hidden=self._hidden(),
             samples=self._samples, faults=self._faults | ({"repeated": repeated} if (repeated := self._intake.repeated) else {}),
             broken=self._broken.broken,
         )  # fmt: skip

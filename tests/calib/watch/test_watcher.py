@@ -31,15 +31,18 @@ def kinds(events: list[WatchEvent]) -> list[Kind]:
 def test_a_load_is_reported_when_it_comes_and_when_it_goes(servo6: Arm, shift: tuple[list[JointState], float, float]) -> None:
     readings, on, off = shift
     events = watched(Watcher(servo6, 200.0), readings)
-    assert kinds(events) == [Kind.LOAD_CHANGED, Kind.PAYLOAD_ATTACHED, Kind.LOAD_CHANGED, Kind.PAYLOAD_REMOVED]
-    first, attached, _, removed = events
+    # a change that a rest interrupts is looked for again in the motion after it
+    assert kinds(events)[0] == Kind.LOAD_CHANGED
+    attached, removed = (e for e in events if e.kind != Kind.LOAD_CHANGED)
+    assert (attached.kind, removed.kind) == (Kind.PAYLOAD_ATTACHED, Kind.PAYLOAD_REMOVED)
+    first = events[0]
     assert 0 < first.t - on < 0.15
     assert first.began[0] <= on <= first.began[1] + 0.02
     assert attached.t - on < 0.7
     mass = attached.size["mass"]
     assert abs(mass.value - LOAD["mass"]) < 3 * mass.std
     assert mass.std < 0.03
-    assert 0 < removed.t - off < 0.9
+    assert 0 < removed.t - off < 1.2
     assert all(e.about == "arm" for e in events)
 
 
