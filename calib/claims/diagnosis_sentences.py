@@ -200,7 +200,10 @@ def _size(u: Numbers) -> str:
 
 
 def _touched(contacts: Sequence[Numbers]) -> str:
-    when = [f"at {c['start']['value']:.2f} s for {c['duration']['value']:.2f} s" for c in (e["parameters"] for e in contacts)]
+    when = [
+        f"at {c['start']['value']:.2f} s for {c['duration']['value']:.2f} s" + (f" in {e['log']}" if e.get("log") else "")
+        for e, c in ((e, e["parameters"]) for e in contacts)
+    ]
     return f"Something touched the arm {listed(when)}; this is an event, not a property of the arm"
 
 
@@ -215,6 +218,7 @@ def _found(effects: Sequence[Numbers]) -> str:
     (e,) = effects
     values = ", ".join(f"{name.replace('_', ' ')} {quantity(p)}" for name, p in e["parameters"].items())
     by = [f"from the {e['measured_by']}"] if e.get("measured_by") else []
+    by += [f"in {e['log']}"] if e.get("log") else []
     left = [residual_words(e["residual"])] if e.get("residual") else []
     sure = [f"confidence {e['confidence']:.0%}"] if e.get("confidence") is not None else []
     return f"{words(e['effect'], e.get('joint'))} ({'; '.join([values, *by, *left, *sure])}){_or(e)}"

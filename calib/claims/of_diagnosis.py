@@ -49,7 +49,7 @@ def claims(answer: Mapping[str, Any]) -> tuple[Claim, ...]:
 def verdict(answer: Mapping[str, Any]) -> Claim:
     """The verdict as a claim."""
     kind, healthy = answer["verdict"], answer.get("baseline")
-    keys = ("effect", "joint", "parameters", "confidence", "gap_share", "measured_by")
+    keys = ("effect", "joint", "parameters", "confidence", "gap_share", "measured_by", "log")
     effects = [
         {key: e[key] for key in keys if key in e}
         | ({"others": others} if (others := e.get("indistinguishable_from")) else {})

@@ -12,7 +12,7 @@ from calib.diagnosis.hypothesis import CONTACT
 from calib.diagnosis.prices import MOST_SURE
 from calib.gate import GateCheck
 from calib.gate.commands import examined
-from calib.gate.readings import seconds_of_motion
+from calib.gate.readings import name_of, seconds_of_motion
 from calib.measurement.standing import Push, pushes
 from logs.log import Log
 from sim.arm import Arm, ArmEffect
@@ -24,20 +24,20 @@ GIVES_WAY = 1.0  # s of motion that a push may cause in a recording of a standin
 def pushed_at_rest(arm: Arm, logs: Sequence[Log]) -> Diagnosis | None:
     """Contacts in logs of a standing arm; None if it moves, if another check fails, or if nothing pushed it."""
     trusted: list[GateCheck] = []
-    found: list[tuple[ArmEffect, dict[str, float]]] = []
+    found: list[tuple[ArmEffect, dict[str, float], str]] = []
     for log in logs:
         checks, _ = examined(arm, [log], [log])
         failed = {check.check for check in checks if not check.ok}
         if failed != {"motion"} or seconds_of_motion(log) > GIVES_WAY:
             return None
         trusted += [check for check in checks if check.ok]
-        found += [_contact(arm, log, push) for push in pushes(arm, log)]
+        found += [(*_contact(arm, log, push), name_of(log)) for push in pushes(arm, log)]
     if not found:
         return None
     trusted.append(GateCheck("standing", True, "the arm stands still: only pushes against it can be found"))
     # a push counts as one only beyond what dry friction can hold
-    entries = [entry(arm, item, std, MOST_SURE, 1.0 / len(found)) for item, std in found]
-    return Diagnosis(answer(arm, "effects_found", entries, [], None, "", trusted), tuple(item for item, _ in found), None)
+    entries = [entry(arm, item, std, MOST_SURE, 1.0 / len(found)) | {"log": name} for item, std, name in found]
+    return Diagnosis(answer(arm, "effects_found", entries, [], None, "", trusted), tuple(item for item, *_ in found), None)
 
 
 def _contact(arm: Arm, log: Log, push: Push) -> tuple[ArmEffect, dict[str, float]]:

@@ -71,6 +71,7 @@ def diagnose_changes(
             c.gain / total,
             c.rivals,
         )
+        | ({} if c.log is None else {"log": after[c.log].name})
         for c in found.changes
     ]
     odd = [{"joint": arm.joint_names[j], "depends_on": [name], "rms": rms, "unit": "N*m"} for j, name, rms, _ in found.odd]

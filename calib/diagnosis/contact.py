@@ -37,8 +37,8 @@ def force_spread(arm: Arm) -> float:
     return FORCE_SHARE * float(np.max((arm.tau_max / np.where(arm.tree.prismatic, 1.0, reach))[known]))
 
 
-def contacts(solved: Solved, arm: Arm) -> Iterator[tuple[int, float, ArmEffect]]:
-    """(log, fall of chi2, effect) of every window tried."""
+def contacts(solved: Solved, arm: Arm) -> Iterator[tuple[int, float, ArmEffect, np.ndarray]]:
+    """(log, fall of chi2, effect, covariance (3, 3) N^2 of its force) of every window tried."""
     spread, left, noise = force_spread(arm), solved.left(), solved.noise
     first = np.zeros(solved.rows.n, dtype=int)
     for which, model in enumerate(solved.rows.models):
@@ -81,7 +81,18 @@ def contacts(solved: Solved, arm: Arm) -> Iterator[tuple[int, float, ArmEffect]]
                 c = np.linalg.solve(own, g)
                 parameters = {"start": float(start), "duration": float(duration)}
                 parameters |= {f"force_{a}": float(x) for a, x in zip("xyz", c, strict=True)}
-                yield which, float(g @ c), ArmEffect(CONTACT, None, parameters)
+                yield which, float(g @ c), ArmEffect(CONTACT, None, parameters), np.linalg.inv(own)
+
+
+def spread_of(item: ArmEffect, force: np.ndarray) -> dict[str, float]:
+    """Standard deviation of a contact's parameters, from the covariance of its force and the steps in which windows are tried.
+
+    Its middle lies within half a step of the best window's, its duration within a factor of sqrt(2); both count as uniform.
+    """
+    tried = item.parameters["duration"]
+    duration = (np.sqrt(2.0) - np.sqrt(0.5)) * tried / np.sqrt(12.0)
+    out = {"start": float(np.hypot(STEP * tried / np.sqrt(12.0), 0.5 * duration)), "duration": float(duration)}
+    return out | {f"force_{a}": float(s) for a, s in zip("xyz", np.sqrt(np.diag(force)), strict=True)}
 
 
 def felt(solved: Solved, left: list[np.ndarray], columns: dict[int, np.ndarray]) -> bool:

@@ -108,6 +108,9 @@ def _entries(arm: Arm, names: Names, promotion: Promotion, reached: Sequence[Lim
         made = entry(arm, item, std, a.confidence, of_torque(a) / total, a.rivals, by_law, written)
         if a.effect.key in observed:
             made["measured_by"] = "following error"
+        event = names.fit.hypothesis.event_log
+        if a.effect.effect == CONTACT and event is not None:
+            made["log"] = names.fit.models[event].measurement.name
         entries.append(made | {"false_name_rate": names.null.rate(a.effect.key, a.lost)})
     entries.sort(key=lambda x: -x["gap_share"])
     # a limit is not fitted to torque: the arm did what it allowed

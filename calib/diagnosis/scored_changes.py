@@ -8,7 +8,7 @@ import numpy as np
 
 from calib.diagnosis.admissible import plausible
 from calib.diagnosis.candidates import Candidate, Key, candidates, of
-from calib.diagnosis.contact import contacts, felt, push_columns
+from calib.diagnosis.contact import contacts, felt, push_columns, spread_of
 from calib.diagnosis.hypothesis import CONTACT
 from calib.diagnosis.model import LogModel
 from calib.diagnosis.null import Null, white
@@ -23,17 +23,18 @@ CONTACT_PRICE = 60.0  # hundreds of windows are tried, and a wrong friction law 
 
 @dataclass(frozen=True)
 class Changed:
-    """One change: the effect with standard deviations, its gain in -2 log likelihood, and rivals that would bring the same."""
+    """One change: the effect with standard deviations, its gain in -2 log likelihood, rivals that would bring the same, and the log of a contact."""
 
     effect: ArmEffect
     std: dict[str, float]
     gain: float
     rivals: tuple[Key, ...]
+    log: int | None = None
 
 
 @dataclass
 class ScoredChange:
-    """A candidate with its columns per joint (R, k), coefficients, and covariance with the null's spread.
+    """A candidate with its columns per joint (R, k), coefficients, and covariance with the null's spread; of a contact, that of its force.
 
     gain: likelihood ratio with that spread; worth: gain less the price, which decides whether there is a change;
     brings: fall of chi2 less the price, which decides which change it is.
@@ -57,7 +58,7 @@ class ScoredChange:
 
     def stated(self) -> Changed:
         """The change with its standard deviations, without its columns."""
-        return Changed(self.effect, _spread(self), self.gain, self.rivals)
+        return Changed(self.effect, _spread(self), self.gain, self.rivals, self.log)
 
 
 def scored_changes(
@@ -85,10 +86,10 @@ def scored_changes(
     if (CONTACT, None) not in skip:
         touched = max(contacts(solved, arm), key=lambda found: found[1], default=None)
         if touched is not None and within(touched[2]):
-            log, gain, item = touched
+            log, gain, item, force = touched
             columns, worth = push_columns(solved, item, log), gain - CONTACT_PRICE
             if felt(solved, left, columns):
-                best[CONTACT, None] = ScoredChange(None, item, columns, np.ones(1), np.eye(1), gain, worth, worth, log)
+                best[CONTACT, None] = ScoredChange(None, item, columns, np.ones(1), force, gain, worth, worth, log)
     return sorted(best.values(), key=lambda s: -s.brings)
 
 
@@ -101,9 +102,9 @@ def same_candidate(s: ScoredChange, models: list[LogModel]) -> Candidate | None:
 
 
 def _spread(s: ScoredChange) -> dict[str, float]:
-    """Standard deviation of every parameter, by finite differences of `combine` in the coefficients; 0 for a contact."""
+    """Standard deviation of every parameter, by finite differences of `combine` in the coefficients, or of a contact."""
     if s.candidate is None:
-        return dict.fromkeys(s.effect.parameters, 0.0)
+        return spread_of(s.effect, s.covariance)
     root = np.linalg.cholesky(s.covariance + 1e-12 * np.trace(s.covariance) * np.eye(len(s.coefficients)))
     out = dict.fromkeys(s.effect.parameters, 0.0)
     for direction in root.T:

@@ -91,7 +91,7 @@ def scored(
         return _ranked(best)
     touched = max(contacts(solved, f.hypothesis.arm), key=lambda found: found[1], default=None)
     if touched is not None and within(touched[2]):
-        log, gain, item = touched
+        log, gain, item, _ = touched
         if felt(solved, solved.left(), push_columns(solved, item, log)):
             best[CONTACT, None] = Scored(item, gain, len(item.parameters), log)
     return _ranked(best)

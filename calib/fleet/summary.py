@@ -99,11 +99,11 @@ def trouble_rows(fleet: Fleet) -> list[list[str]]:
 
 
 def since(effect: Mapping[str, Any]) -> str:
-    """Since when an effect has been there, as far as the recordings show."""
+    """Since when an effect has been there, as far as the longest recording of each older session and of the newest one show."""
     when = str(effect["since"])[:10]
     if not when:
         return "not seen alone"
-    return f"since {when}" if effect["began"] else f"in every recording from {when} on"
+    return f"since {when}" if effect["began"] else f"since {when} at the latest"
 
 
 def _used(row: Mapping[str, Any]) -> int | str:

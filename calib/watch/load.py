@@ -56,8 +56,9 @@ class LoadWatch:
         self._past: deque[tuple[float, float, FilterState]] = deque(maxlen=CANDIDATES + 2)
         self.moved = np.zeros(arm.n)
         self._rest = 0.0  # s since a row was informative
-        # s for which a claim is sure, whether the payload was opened for it, and since when it may have come
-        self._claim, self._opened, self._began = 0.0, False, np.nan
+        # s for which a claim is sure, whether the payload was opened for it, and since when it may have come; whether the estimate has
+        # once been as announced, so that it lags behind any change
+        self._claim, self._opened, self._began, self._as_announced = 0.0, False, np.nan, False
         self.announced = filter_.x[:4].copy()
         self._announced_std = 0.0
         self.claimed: Quantity | None = None
@@ -211,19 +212,18 @@ class LoadWatch:
     def _claimed(self, row: Row, trusted: bool) -> list[WatchEvent]:
         """Claim a load that was there from the start, or came while the arm stood or crept, once it has been sure for `CONFIRM` s.
 
-        A change that only the random walk of the payload follows lags behind: before it is claimed, the payload is opened and estimated anew.
+        A change that only the random walk follows lags behind: before it is claimed, the payload is opened and estimated anew.
         """
         enough = bool(np.count_nonzero(self.moved >= JOINT_SECONDS) >= min(JOINTS_LEAST, self._arm.n))
-        settled = self.settled
         self.settled |= enough and bool(self._filter.covariance[0, 0] < (KNOWN * self._filter.mass_scale) ** 2)
         differs = trusted and self._differs(self.announced, self._announced_std)
         if not differs and not (self._opened and self._claim < UNDECIDED):
-            self._claim, self._opened = 0.0, False
+            self._claim, self._opened, self._as_announced = 0.0, False, self._as_announced or (trusted and self.settled)
             return []
         self._claim += row.seconds
         if self._claim <= CONFIRM or not differs:
             return []
-        if self._opened or not settled:
+        if self._opened or not self._as_announced:
             return self._announce(row.t, (self._began, row.t))
         self._filter.open()
         self._claim, self._opened = 0.0, True
