@@ -74,6 +74,17 @@ def test_a_wrong_sample_rate_is_no_gear_ratio(servo6: Arm, factor: float) -> Non
     assert not any(c.kind == "scale" for c in found.causes[0].corrections)
 
 
+def test_a_ratio_that_all_speeds_share_is_accepted_where_masses_are_unknown(servo6: Arm) -> None:
+    """Published recordings of a robot hold three times the speed at every joint; without masses, nothing shows what is wrong."""
+    log = log_of(servo6, 47)
+    tripled = replace(log, dq=3 * log.dq)
+    check, _ = speed(servo6, signals([tripled], [tripled.tau]), massive=False)
+    assert check.ok
+    assert "the sample rate may be wrong" in check.detail
+    check, _ = speed(servo6, signals([tripled], [tripled.tau]), massive=True)
+    assert check.ok, "the arm's masses fit the motion as it was recorded"
+
+
 def test_speeds_of_all_motors_before_their_gears(servo6: Arm) -> None:
     """The same ratio at all joints as with a wrong rate, but the arm's model fits the motion as it was recorded."""
     log = log_of(servo6, 48)
