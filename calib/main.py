@@ -59,8 +59,9 @@ class Commands(Group):
             single.command(name)(module.command)
         command = get_command(single)
         command.name, command.epilog = name, QUIET
-        # examples are copied from the screen, so they must not be wrapped
-        command.help = (command.help or "").replace("\n\n    calib ", "\n\n\b\n    calib ")
+        for each in (command, *getattr(command, "commands", {}).values()):
+            # examples are copied from the screen, so they must not be wrapped
+            each.help = (each.help or "").replace("\n\n    calib ", "\n\n\b\n    calib ")
         lists, parse = getattr(module, "LIST_OPTIONS", ()), command.parse_args
         setattr(command, "parse_args", lambda ctx, args: parse(ctx, spread(args, lists)))  # noqa: B010
         return command

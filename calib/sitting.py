@@ -21,8 +21,8 @@ from sim.cell import Cell, load_arm_of, require_postures
 def plan(arm: Arm, cell: Cell | None = None, session: Session | None = None, *, folder: str | Path) -> Plan:
     """Plan the motions of one session, verify each, and write them to the new `folder`.
 
-    Without a cell the only obstacle is the plane on which the arm stands. AnswerIsNo states the binding limit if no motion fits;
-    ConfigError and SafetyStop as in `calib plan`.
+    Without a cell the only obstacle is the plane on which the arm stands. AnswerIsNo states the binding limit if no motion fits.
+    Unlike `calib plan`, it does not check that the arm is the cell's, nor that settings are in their usual range; `record` refuses those.
     """
     if cell is not None:
         require_postures(cell, arm)
@@ -34,7 +34,8 @@ def record(plan: Plan, cell: Cell, *, folder: str | Path, operator: str = "", co
     """Run the motions of a plan in a cell, slowly first, and record one log per motion in the new `folder`.
 
     A simulated cell needs no person. For any other cell a person must have approved the plan with `calib record`: SafetyStop without an
-    approval, if it is for something else, or if a motion is refused.
+    approval, if it is for something else, or if a motion is refused. The audit trail is `folder`/audit.jsonl, so every call on a real arm
+    begins with the slow stages. The cell is not locked.
     """
     arm = load_arm_of(cell, configs)
     check_plan(plan, arm, cell)

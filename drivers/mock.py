@@ -22,7 +22,7 @@ from sim.usual_arm import usual_arm
 
 
 class MockOptions(StrictTable):
-    """[options] of a mock cell: rate is the control rate, Hz; with realtime the mock runs on the wall clock."""
+    """[options] of a mock cell: rate Hz, control rate; realtime: run on the wall clock; stop_deceleration rad/s^2 of the driver's own stop."""
 
     rate: Positive | None = None
     realtime: bool = False

@@ -30,7 +30,7 @@ def command(
         typer.Option(
             min=0.0,
             max=36500.0,
-            help="Days before an arm's newest recording that show its present state; older ones show since when.",
+            help="Recordings up to this many days older than the newest show the arm as it is now; older ones show since when an effect is there.",
         ),
     ] = 1.0,
     no_diagnose: Annotated[

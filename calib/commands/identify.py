@@ -48,8 +48,8 @@ def command(
 
     Writes arm/ (the calibrated arm folder), result.json and report.html. Exit code 0: the fit is good on the held-out logs (on
     the training logs if none is held out), that is, at every joint the residual RMS is at most 20 % of the torque's standard deviation or
-    1 % of the joint's maximum torque. 1: it is poor. 2: at half of the joints or more the residual exceeds the torque's standard
-    deviation, a joint hardly moves, or the recordings are not of this arm.
+    1 % of the joint's maximum torque. 1: it is poor. 2: at half of the joints or more the residual exceeds both the torque's standard
+    deviation and 1 % of the maximum torque, a joint hardly moves, or the recordings are not of this arm.
 
     Example:
 

@@ -72,8 +72,8 @@ def command(
 ) -> None:
     """Convert a recording to a finished log: one of another program, or one whose program was killed.
 
-    Reports what survived and what did not. The log is marked clean if the source was complete and aborted otherwise; identification refuses
-    an aborted log unless --accept-partial is given. The columns of a table are guessed from their names, shown, and stored in map.toml once
+    Reports what survived and what did not. The log is marked clean if the source was complete, killed if its program was killed, and
+    aborted otherwise; identification refuses an aborted log unless --accept-partial is given. The columns of a table are guessed from their names, shown, and stored in map.toml once
     they are confirmed. Jittered stamps, repeated and lost samples are found by comparing position with speed. With --arm the readings must be
     that arm's: a wrong unit, sign, column or clock is refused with its likely cause, and --assume reads the recording another way.
 

@@ -17,7 +17,8 @@ from calib.terminal import console, options
 def command(
     arm: options.ArmArgument,
     cell: Annotated[
-        str | None, typer.Option("--cell", help="Cell where the arm stands; without it, the mounting plane and nothing else.")
+        str | None,
+        typer.Option("--cell", help="Cell where the arm stands; without it, the mounting plane is the only obstacle."),
     ] = None,
     quick: Annotated[bool, typer.Option("--quick", help="The best of a few random motions, short sweeps, no probes.")] = False,
     period: Annotated[float, typer.Option(min=0.1, max=3600.0, help="Seconds of one period of the Fourier motions.")] = 20.0,

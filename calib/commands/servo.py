@@ -45,16 +45,16 @@ def command() -> None:
 @app.command()
 def look(
     cell: options.CellArgument,
-    joint: Annotated[str | None, typer.Argument(metavar="JOINT", help="one joint; all of them if not given")] = None,
-    clear: Annotated[bool, typer.Option(help="clear the latched error of this joint's drive")] = False,
+    joint: Annotated[str | None, typer.Argument(metavar="JOINT", help="One joint; all of them if not given.")] = None,
+    clear: Annotated[bool, typer.Option(help="Clear the latched error of this joint's drive.")] = False,
     zero: Annotated[
-        bool, typer.Option(help="make the present angle of this joint its zero; the drive must be off and still")
+        bool, typer.Option(help="Make the present angle of this joint its zero; the drive must be off and still.")
     ] = False,
-    off: Annotated[bool, typer.Option(help="torque off for this joint")] = False,
+    off: Annotated[bool, typer.Option(help="Switch torque off for this joint.")] = False,
     supported: Annotated[
         bool,
         typer.Option(
-            help="the arm is supported: without brakes, torque off drops it, and some drives answer only that command"
+            help="The arm is supported: without brakes, torque off drops it, and some drives answer only that command."
         ),
     ] = False,
     as_json: options.Json = False,
@@ -62,7 +62,9 @@ def look(
 ) -> None:
     """Look at the drives of a servo arm: serial number, watchdog, position, temperature, error; or set one of them.
 
-    Switches no torque on. Exit code 1 if a drive reports an error or is not the one of the cell file. Example:
+    Switches no torque on. Exit code 1 if a drive reports an error or is not the one of the cell file.
+
+    Example:
 
         calib servo emulated-servo6 elbow_joint
     """
@@ -111,13 +113,13 @@ def scan(
         str, typer.Option(help="python-can interface: socketcan, slcan, socketcand, pcan, ...; damiao is Damiao's USB adapter.")
     ],
     channel: Annotated[str, typer.Option(help="can0, /dev/serial/by-id/..., as the interface names it.")],
-    bitrate: Annotated[int, typer.Option(min=1, max=1_000_000, help="bit/s")] = 1_000_000,
+    bitrate: Annotated[int, typer.Option(min=1, max=1_000_000, help="bit/s: 1000000, 500000, 250000 or 125000.")] = 1_000_000,
     data_bitrate: Annotated[
         int | None,
         typer.Option(
             min=1,
             max=8_000_000,
-            help="bit/s of CAN FD data, often 5000000; asks classical and CAN FD drives. Classical only if not given.",
+            help="bit/s of CAN FD data: 2000000, 4000000, 5000000 (often) or 8000000; asks classical and CAN FD drives. Classical only if not given.",
         ),
     ] = None,
     bus: Annotated[

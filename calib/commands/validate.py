@@ -28,11 +28,10 @@ def command(
 ) -> int:
     """Compare what an arm predicts with what was measured: torque along the motion, and motion under the torque.
 
-    Writes validation.json, report.html, prediction.csv (t, tau_<joint> measured, tau_hat_<joint> predicted) and prediction.mcap, which
-    Foxglove, Rerun and PlotJuggler show: the moving arm, and its torque beside the predicted one. Exit code 0: the model is good, that
-    is, at every joint compared the residual RMS is at most 20 % of the torque's standard deviation or 1 % of the joint's maximum torque. 1: it is
-    poor. 2: wrong arm or wrong model (at half of the joints or more the residual exceeds the torque's standard deviation), no joint moves, or
-    the recordings are not of this arm.
+    Writes validation.json, report.html, prediction.csv (t, tau_<joint> measured, tau_hat_<joint> predicted) and prediction.mcap for
+    Foxglove and Rerun: the moving arm, and its torque beside the predicted one. Exit code 0: the model is good, that is, at every joint compared the residual RMS is at most 20 % of the torque's standard deviation or 1 % of the joint's maximum torque. 1: it is
+    poor. 2: wrong arm or wrong model (at half of the joints or more the residual exceeds both the torque's standard deviation and 1 % of the
+    maximum torque), no joint moves, or the recordings are not of this arm.
 
     Example:
 

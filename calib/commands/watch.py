@@ -55,7 +55,8 @@ def command(
 ) -> None:
     """Watch an arm at work: payload, contact, friction, and whether the model still holds. It never commands anything.
 
-    Ends with exit code 1 if something needs attention: contact, drift, a wrong declared payload, a model that no longer holds.
+    Exit code 1: something needs attention: contact, drift, a wrong declared payload, a model that no longer holds, readings of another arm
+    or too broken to watch. 2: the gate refuses the readings. 4: the device failed.
 
     Example:
 
@@ -131,7 +132,11 @@ def _show(found: Watched) -> None:
     )
     judged = "" if p.fits is not None else "; whether the readings fit the arm was not assessed (`fits` is null in watch.json)"
     since = min((t for t in p.compared_from.tolist() if math.isfinite(t)), default=None)
-    judged += "" if since is None else f"; residuals are compared with those of the first {since:.0f} s"
+    judged += (
+        ""
+        if since is None
+        else f"; from {since:.0f} s on the device clock, residuals are compared with those of the first 20 s of motion"
+    )
     console.say(
         f"{len(found.events)} event{'' if len(found.events) == 1 else 's'} in {found.seconds:.1f} s{consistency}{judged}."
     )

@@ -52,6 +52,7 @@ class Session:
     chirp              s, its duration
     home               (n,) rad; None to search for one
     progressive        whether motions for a first bring-up come first
+    seed               of the random motions
     apart              effects that one more motion is to distinguish from their rivals
     """
 

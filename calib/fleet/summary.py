@@ -99,7 +99,7 @@ def trouble_rows(fleet: Fleet) -> list[list[str]]:
 
 
 def since(effect: Mapping[str, Any]) -> str:
-    """Since when an effect has been there, as far as the longest recording of each older session and of the newest one show."""
+    """Since when an effect has been there, as far as the longest piece of each older recording and of the newest session shows."""
     when = str(effect["since"])[:10]
     if not when:
         return "not seen alone"

@@ -48,7 +48,7 @@ SHEET: dict[str, list[tuple[str, str]]] = {
 }
 NOTES = (
     "CELL: a name in configs/, or a file. ARM: a name in configs/, or a folder.",
-    "LOG: .mcap, .csv, rosbag2 folder. `latest`: newest calibrated arm, plan or run.",
+    "LOG: .mcap, ur_rtde .csv, ROS bag. `latest`: newest calibrated arm, plan or run.",
     "Every command: --help with an example, --quiet. Most: --json, --out DIR.",
     "Exit codes: 0 done, 1 the answer is no, 2 usage or data, 3 safety stop,\n"
     "4 device, 70 a fault of the program, 130 interrupted, 141 the reader of the\n"

@@ -28,7 +28,8 @@ MaxError = Annotated[
         min=0.0,
         max=1000.0,
         metavar="SHARE",
-        help="Exit code 1 if the residual RMS of any joint exceeds this share of the torque's standard deviation, such as 0.1; 0.2 if not given.",
+        help="Largest residual RMS of any joint, as a share of the torque's standard deviation, such as 0.1; above it the exit code is 1 or 2. "
+        "If not given: 0.2, or 1 % of the joint's maximum torque.",
     ),
 ]
 Assume = Annotated[

@@ -1,4 +1,4 @@
-"""Catalogue of effects: one file per effect and one line in EFFECTS; everything else about effects is derived from it."""
+"""Catalogue of effects: one file per effect and one line in OWN_EFFECTS; everything else about effects is derived from it."""
 
 from __future__ import annotations
 
