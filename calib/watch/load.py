@@ -99,9 +99,8 @@ class LoadWatch:
         if self._rest > RESTED:  # a load added or removed meanwhile is not a jump within the earlier rows
             self._detector.forget()
             began -= self._rest
-            if (
-                self._open is not None and not self._open.contact
-            ):  # what the next motion shows is not the change before the rest
+            # what the next motion shows is not the change before the rest
+            if self._open is not None and not self._open.contact:
                 self._filter.restore(self._open.before)
                 self._open = None
         self._rest = 0.0
@@ -243,8 +242,7 @@ class LoadWatch:
         self._announced_std = float(np.sqrt(self._filter.covariance[0, 0]))
         self._began, self._claim, self._opened = t, 0.0, False
         mass = self.mass()
-        removed = abs(mass.value) < max(
-            self.least, SURE * mass.std
-        )  # what is claimed can differ from nothing, and be withdrawn
+        # what is claimed can differ from nothing, and be withdrawn
+        removed = abs(mass.value) < max(self.least, SURE * mass.std)
         self.claimed = None if removed else mass
         return [payload_event(t, began, before, mass, None if removed else self.com(), removed, abs(before) < self.least)]

@@ -35,9 +35,8 @@ class ValidityWatch:
         self._recent = np.zeros(n)
         self._worse = np.zeros(n)
         self._reported = False
-        self.compared_from = np.full(
-            n, np.nan
-        )  # s: since when each joint's residual is compared with that of its first REFERENCE s
+        # s: since when each joint's residual is compared with that of its first REFERENCE s
+        self.compared_from = np.full(n, np.nan)
 
     @property
     def residual(self) -> np.ndarray:
