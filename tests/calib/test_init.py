@@ -136,6 +136,8 @@ def test_an_adapter_is_followed_by_the_scan_of_its_bus(
 
 
 def test_nothing_there_names_the_mock(desk: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (desk / "folder.xml").mkdir()
+    (desk / "folder.urdf").mkdir()
     assert main(["init"]) == 1
     assert "calib go mock-ur10e" in capsys.readouterr().err
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import io
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -101,29 +103,40 @@ def test_a_well_sealed_plan_that_breaks_a_rule_is_refused(plan: Plan, old: str, 
 
 @pytest.mark.parametrize("content", [b"", b"\x93NUMPY\x02\x00garbage", b"\x93NUMPY\x01\x00\x05\x00hello"])
 def test_a_motion_file_that_is_no_array_is_refused(plan: Plan, content: bytes) -> None:
-    import hashlib
+    refused(plan, content, "not a NumPy file")
 
+
+@pytest.mark.parametrize(
+    "header",
+    ["", "{'descr': '<f8', 'shape': (", "{'a': 1, 2: 3}", "(" * 900, "-" * 900 + "1", "{" * 2000, "{'descr': '<f8', 'fortran_order': 0, 'shape': 3}",
+     "if 1:\n  2\n 3"],
+    ids=["empty", "open bracket", "mixed keys", "nested", "signs", "long", "wrong types", "unindent"],
+)  # fmt: skip
+def test_a_motion_file_with_a_crafted_header_is_refused(plan: Plan, header: str) -> None:
+    refused(plan, b"\x93NUMPY\x01\x00" + len(header).to_bytes(2, "little") + header.encode(), "not a NumPy file")
+
+
+@pytest.mark.parametrize("shape", ["(-401, 19)", "(10**20, 19)", "(99999999999999999999, 19)", "(401, 19, 0)", "()"])
+def test_a_motion_file_of_another_shape_is_refused(plan: Plan, shape: str) -> None:
+    header = f"{{'descr': '<f8', 'fortran_order': False, 'shape': {shape}}}"
+    refused(plan, b"\x93NUMPY\x01\x00" + len(header).to_bytes(2, "little") + header.encode(), "plan.toml says|not a NumPy file")
+
+
+def refused(plan: Plan, content: bytes, message: str) -> None:
     file = plan.folder / "friction.npy"
     resealed(plan, hashlib.sha256(file.read_bytes()).hexdigest(), hashlib.sha256(content).hexdigest())
     file.write_bytes(content)
-    with pytest.raises(ConfigError, match="not a NumPy file"):
+    with pytest.raises(ConfigError, match=message):
         load_plan(plan.folder)
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
 def test_a_motion_file_with_a_number_that_is_not_finite_is_refused(plan: Plan, value: float) -> None:
-    import hashlib
-    import io
-
-    file = plan.folder / "friction.npy"
-    columns = np.load(file)
+    columns = np.load(plan.folder / "friction.npy")
     columns[7, 3] = value
     data = io.BytesIO()
     np.save(data, columns)
-    resealed(plan, hashlib.sha256(file.read_bytes()).hexdigest(), hashlib.sha256(data.getvalue()).hexdigest())
-    file.write_bytes(data.getvalue())
-    with pytest.raises(ConfigError, match="finite"):
-        load_plan(plan.folder)
+    refused(plan, data.getvalue(), "finite")
 
 
 def test_a_plan_is_never_overwritten(plan: Plan, arm: Arm) -> None:

@@ -15,7 +15,7 @@ from drivers.can_servo.bring_up import PROTOCOLS
 from drivers.can_servo.damiao import READ, REGISTERS, Damiao
 from drivers.can_servo.drive import DriveReading, NoAnswer
 from drivers.can_servo.frames import register
-from drivers.can_servo.odrive import CLOSED_LOOP, ESTIMATES, HEARTBEAT, TEMPERATURE, TORQUES, ODrive
+from drivers.can_servo.odrive import ADDRESS, CLOSED_LOOP, ESTIMATES, HEARTBEAT, TEMPERATURE, TORQUES, TX_SDO, VERSION, ODrive
 from drivers.can_servo.service import Service
 from drivers.can_servo.stream import Stream
 from sim.can_wiring import CanOptions, RangeTable, ServoTable
@@ -131,3 +131,30 @@ def test_a_temperature_that_is_not_reported_hides_no_other(pair: tuple[float, fl
 @pytest.mark.parametrize(("late", "reported"), [(2.9, True), (3.1, False), (math.nan, False)])
 def test_a_temperature_counts_for_three_seconds(late: float, reported: bool) -> None:
     assert math.isnan(after(drive("odrive"), TEMPERATURE, bytes(8), late).temperature) is not reported
+
+
+@pytest.mark.parametrize("length", range(8))
+@pytest.mark.parametrize("command", [HEARTBEAT, ESTIMATES, TEMPERATURE, TORQUES, VERSION, ADDRESS, TX_SDO])
+def test_a_short_frame_of_an_odrive_is_no_answer(command: int, length: int) -> None:
+    one, short = drive("odrive"), can.Message(arbitration_id=1 << 5 | command, is_extended_id=False, data=bytes(length))
+    asked = []
+
+    def ask(message: can.Message, reply: Any, what: str) -> Any:
+        asked.append(reply(short))
+        raise NoAnswer(what)
+
+    assert one.key_of(short) is None
+    assert one.answering(short) is None
+    assert one.position_in(short) is None
+    with pytest.raises(NoAnswer, match="heartbeat"):
+        one.identify(ask)
+    assert asked == [None] * 3
+
+
+def test_a_mode_that_cannot_be_read_is_a_problem_and_no_mode() -> None:
+    def ask(message: can.Message, reply: Any, what: str) -> Any:
+        raise NoAnswer(what)
+
+    problems = drive("damiao").describe(ask).problems
+    assert any("its control mode cannot be read" in problem for problem in problems)
+    assert not any("None" in problem for problem in problems)

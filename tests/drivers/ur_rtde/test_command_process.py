@@ -37,6 +37,23 @@ def test_a_dead_or_hanging_command_process_is_noticed_and_the_watchdog_stops_the
     driver.close()
 
 
+def test_a_command_process_that_is_lost_before_it_takes_control_is_reported(
+    pair: Pair, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    emulator, driver = pair()
+
+    def killed(*_: object) -> None:
+        assert driver._commands is not None
+        assert driver._commands._process is not None
+        driver._commands._process.kill()
+        driver._commands._process.wait()
+
+    monkeypatch.setattr("drivers.ur_rtde.taking_control.require_no_program", killed)
+    with pytest.raises(DeviceError, match=r"commands are not taken: the command process .*ended"):
+        driver.connect()
+    assert emulator.robot.runtime_state == STOPPED
+
+
 OWNER = """
 import sys, time
 import numpy as np

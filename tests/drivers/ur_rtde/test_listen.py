@@ -127,3 +127,22 @@ def test_a_controller_that_takes_no_program_takes_no_halt(pair: Pair) -> None:
     emulator.stop()
     with pytest.raises(DeviceError, match="did not accept the stop"):
         driver.halt()
+
+
+@pytest.mark.parametrize("host", ["a" * 64 + ".local", "robot..local"])
+def test_a_host_name_that_cannot_exist_is_reported_as_one(host: str) -> None:
+    with pytest.raises(DeviceError, match="no RTDE at"):
+        Receiver(host).connect()
+
+
+def test_whatever_fails_after_the_handshake_leaves_no_connection(pair: Pair, monkeypatch: pytest.MonkeyPatch) -> None:
+    emulator, driver = pair()
+
+    def broken(*_: object) -> None:
+        raise RuntimeError("not an error of a device")
+
+    monkeypatch.setattr("drivers.ur_rtde.driver.controller_info", broken)
+    for opening in (driver.listen, driver.connect):
+        with pytest.raises(RuntimeError, match="not an error of a device"):
+            opening()
+        assert f"RTDE {emulator.host}" not in [thread.name for thread in threading.enumerate()]
