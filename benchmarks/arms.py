@@ -126,9 +126,9 @@ def sentence_of(done: subprocess.CompletedProcess[str]) -> str:
     if answers:  # there may also be notes, which begin like errors
         return " ".join((answers[-1], *(line for line in done.stdout.splitlines() if DRIVES[0] in line)))[:900]
     lines = [line.strip() for line in (done.stdout + done.stderr).splitlines()]
-    error = [k for k, line in enumerate(lines) if line.startswith("calib: ")]
-    if error:
-        return " ".join(lines[error[-1] :]).removeprefix("calib: ")[:900]
+    if error := [k for k, line in enumerate(lines) if line.startswith("calib: ")]:
+        failed = [line for line in lines[: error[-1]] if " NO " in line]  # rows of `calib check`, which hold the facts
+        return " ".join((*failed, " ".join(lines[error[-1] :]).removeprefix("calib: ")))[:900]
     return (lines[-1:] or ["no sentence"])[-1][:900]
 
 

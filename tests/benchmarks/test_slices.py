@@ -216,13 +216,9 @@ def test_the_sentence_of_a_command_is_its_error_or_its_answer() -> None:
     def ended(out: str, err: str) -> str:
         return arms.sentence_of(subprocess.CompletedProcess([], 1, out, err))
 
-    assert (
-        ended("", "record 5 of 9 s\ncalib: stopped in excitation:\n  joint3: torque\n")
-        == "stopped in excitation: joint3: torque"
-    )
-    assert ended("joint 1\nPoor: at joint1 the residual is large.\nnext: calib diagnose\n", "identify ...\n").startswith(
-        "Poor: at joint1"
-    )
+    assert ended("", "record 5 of 9 s\ncalib: stopped:\n  joint3: torque\n") == "stopped: joint3: torque"
+    assert ended("joint 1\nPoor: at joint1.\nnext: calib diagnose\n", "identify ...\n").startswith("Poor: at joint1")
+    assert "limits.dq_max = 100" in ended("speed  ok  0.1\nsettings  NO  limits.dq_max = 100\n", "calib: see the remedies\n")
     assert ended("", "") == "no sentence"
 
 
