@@ -130,7 +130,7 @@ def test_a_controller_that_takes_no_program_takes_no_halt(pair: Pair) -> None:
 
 
 @pytest.mark.parametrize("host", ["a" * 64 + ".local", "robot..local"])
-def test_a_host_name_that_cannot_exist_is_reported_as_one(host: str) -> None:
+def test_an_impossible_host_name_is_a_device_error(host: str) -> None:
     with pytest.raises(DeviceError, match="no RTDE at"):
         Receiver(host).connect()
 
