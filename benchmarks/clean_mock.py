@@ -29,7 +29,7 @@ from calib.identification.identify import identify
 from drivers.driver import Driver
 from drivers.mock import MockDriver
 from logs.log import Log
-from sim.arm import load_arm
+from sim.arm import Arm, load_arm
 from sim.clock import SimulatedClock
 from sim.plant import Plant
 from sim.resources import shipped_configs
@@ -55,19 +55,24 @@ def driven(driver: Driver, motion: Trajectory, rate: float) -> Log:
     return Log(driver.arm.joint_names, when - when[0], when - when[0], *read, q, dq, np.zeros_like(q))
 
 
+def recorded(truth: Arm, arm: Arm, seed: int) -> list[Log]:
+    """Two recordings to fit and one to hold out, of a mock of `truth` whose controller uses the model `arm`."""
+    rate, out = min(RATE, arm.sensors.rate), []
+    for k in range(3):
+        motion = fitting_motion(arm, 1000 + 10 * seed + k)
+        driver = MockDriver(Plant(truth, drive=arm, seed=10 * seed + k), arm, rate, SimulatedClock(), start=motion.q[0])
+        driver.connect()
+        out.append(driven(driver, motion, rate))
+    return out
+
+
 def session(name: str, seed: int, identified: bool) -> dict[str, Any]:
     """Diagnose one session of an arm that matches its file: verdict, effect names, residual over noise.
 
     If `identified`, `ratio` is the held-out residual RMS of the identified model over that of the nominal one.
     """
     arm = load_arm(name)
-    rate = min(RATE, arm.sensors.rate)
-    recordings = []
-    for k in range(3):
-        motion = fitting_motion(arm, 1000 + 10 * seed + k)
-        driver = MockDriver(Plant(arm, seed=10 * seed + k), arm, rate, SimulatedClock(), start=motion.q[0])
-        driver.connect()
-        recordings.append(driven(driver, motion, rate))
+    recordings = recorded(arm, arm, seed)
     answer = diagnose(arm, recordings[:2], recordings[2:]).answer
     names = [f"{e['effect']} {e['joint'] or ''}".strip() for e in answer["effects"]]
     first = answer["claims"][0]
