@@ -50,6 +50,7 @@ SLOW = (
     "tracking",
     "coverage",
     "clean_mock",
+    "mock_effects",
     "demo",
     "guided",
     "install",
@@ -78,6 +79,7 @@ SLICED = (
     "monitor_process",
     "first_day",
     "clean_mock",
+    "mock_effects",
     "demo",
     "ur_load",
 )

@@ -107,6 +107,7 @@ TITLES = {
     "real": "A real UR10e",
     "arms": "Published arms through the whole line",
     "clean_mock": "Mock arms with nothing hidden",
+    "mock_effects": "Mock arms with each effect hidden",
     "demo": "The demo with many seeds",
     "install": "What an installation takes",
     "guided": "A guided session on an emulated UR10e",
