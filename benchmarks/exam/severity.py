@@ -42,14 +42,15 @@ class Rows:
 def rows(arm: TrueArm, reference: Reference) -> Rows:
     """A run of the arm, filtered to BAND and decimated to RATE."""
     happened = run(arm, reference, SETTLE, np.full(6, AMBIENT), COARSE)
-    thin = round(1 / (RATE * COARSE))
+    step = round(float(happened.t[1] - happened.t[0]), 9)  # a stiff gear has shorter ones
+    thin = round(1 / (RATE * step))
     logged = happened.t >= 0
     t = happened.t[logged]
-    low = butter(4, BAND, fs=1 / COARSE, output="sos")
+    low = butter(4, BAND, fs=1 / step, output="sos")
     q = sosfiltfilt(low, encoder(arm.joints, happened.q[logged]), axis=0)
     tau = sosfiltfilt(low, torque_reading(arm, happened, t, np.random.default_rng(0)), axis=0)[::thin]
-    dq = np.gradient(q, COARSE, axis=0)
-    ddq = np.gradient(dq, COARSE, axis=0)[::thin]
+    dq = np.gradient(q, step, axis=0)
+    ddq = np.gradient(dq, step, axis=0)[::thin]
     q, dq = q[::thin], dq[::thin]
     own = arm.nominal_joints
     expected = torque_along(arm.nominal, DOWN, q, dq, ddq) + own["rotor"] * ddq + own["viscous"] * dq

@@ -117,3 +117,20 @@ def test_an_effect_adds_its_torque_to_a_recorded_motion(tmp_path: Path) -> None:
     np.testing.assert_allclose(moved[:, 2], 1.1 * (1.0 + 20.0 * (q[:, 2] - 1.0) / 10.0), atol=2e-3)
     np.testing.assert_allclose(np.delete(moved, 2, axis=1), 1.0, atol=1e-9)
     np.testing.assert_array_equal(changed[:, :13], motion.table[:, :13])
+
+
+def test_a_gear_that_needs_shorter_steps_is_measured_at_the_same_instants() -> None:
+    from benchmarks.exam import motions, severity
+    from benchmarks.exam.arms import HARDWARE
+    from benchmarks.exam.real import bare
+    from benchmarks.exam.true_arm import run
+
+    clean, hardware = bare(1, load_arm("ur10e")), HARDWARE["ur10e"]
+    reference = motions.fourier_motion(np.random.default_rng(3), motions.HOME, hardware.speed, 2.0, 3, hardware.control_period)
+    stiff = clean.copy()
+    stiff.joints["stiffness"][2], stiff.joints["gear_damping"][2] = 2e7, 1e3
+    step = np.diff(run(stiff, reference, motions.SETTLE, np.full(6, 25.0), severity.COARSE).t[:2])
+    assert step < 0.6 * severity.COARSE
+    without, with_gear = severity.rows(clean, reference), severity.rows(stiff, reference)
+    assert len(with_gear.residual) == len(without.residual) == round(severity.RATE * reference.duration)
+    np.testing.assert_allclose(with_gear.q, without.q, atol=2e-3)
