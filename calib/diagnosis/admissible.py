@@ -11,29 +11,23 @@ from calib.diagnosis.hypothesis import CONTACT
 from calib.diagnosis.model import LogModel
 from calib.diagnosis.parameters import logarithmic, parameters_of
 from sim.arm import ArmEffect
-from sim.effects import Parameter, effect_named
+from sim.effects import effect_named
 
 # Share of a contact's duration that the recording must extend beyond it at either end.
 EDGE = 0.05
 
 
 def admissible(f: Fit) -> bool:
-    """Whether every effect is plausible and inside its recording, and no size or shape (an exponent, a time) is at a bound.
+    """Whether every effect is plausible and inside its recording, and no shape parameter (an exponent, a time) is at a bound.
 
-    A best fit at a bound means that the cause is something else: an eccentricity of 0.3 rad fitted the friction of a joint in
-    60 % of a speed staircase, and predicted the rest twice as badly as without it (UR5e, joint 5).
+    A best fit at a bound means that the cause is something else.
     """
     return all(plausible(e, f.models, np.inf) and within_recording(e, f) for e in f.accepted) and all(
-        f.accepted[i].effect == CONTACT or _inside(p, f.accepted[i].parameters[p.name]) for i, p in parameters_of(f.accepted)
+        f.accepted[i].effect == CONTACT
+        or not logarithmic(p)
+        or p.lower * 1.01 < f.accepted[i].parameters[p.name] < p.upper * 0.99
+        for i, p in parameters_of(f.accepted)
     )
-
-
-def _inside(p: Parameter, value: float) -> bool:
-    """Whether a size or a shape is off its bounds; a size may be zero. Angles and centres of mass have bounds for the search only."""
-    if p.zero is None and not logarithmic(p):
-        return True
-    low = p.lower * (1.01 if p.lower > 0 else 0.99)
-    return (p.lower == p.zero or value > low) and value < p.upper * 0.99
 
 
 def within_recording(item: ArmEffect, f: Fit) -> bool:

@@ -1,8 +1,8 @@
 """Residual RMS of arms on recordings: over rows in motion, and over those in which a joint slides, comparable with noise.
 
 Around a change of direction a position-controlled joint sticks for some hundredths of a second while its drive builds up
-torque. Dry friction holds whatever that is, so even the true arm is off there by up to twice the dry friction. Where the readings
-show a stick its rows are left out; no noise is measured in the other rows around a change of direction either.
+torque. Dry friction holds whatever that is, so even the true arm is off there by up to twice the dry friction. No noise is
+measured in these rows.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ from sim.arm import Arm
 def gaps(arms: Mapping[str, Arm], shown: Sequence[Measurement]) -> dict[str, Any]:
     """Per arm the RMS N m of each joint, and the same under `sliding`, with None for a joint that never slides.
 
-    The rows are filtered as in the fit (10 Hz), from the first motion to the last, without those in which the joint pauses or
-    sticks; all of them for a joint that never moves.
+    The rows are filtered as in the fit (10 Hz), from the first motion to the last, without those in which the joint stands for
+    longer than a pause; all of them for a joint that never moves.
     """
     errors = {key: torque_errors(arm, shown) for key, arm in arms.items()}
     moves, slides = moving_rows(shown), sliding_rows(next(iter(arms.values())), shown)

@@ -11,7 +11,6 @@ from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
 from calib.measurement.derivatives import STOP, DerivativeFilter
 from calib.measurement.filtering import Decimator
 from calib.measurement.following import observed
-from calib.measurement.limits import resolution
 from calib.measurement.preprocessing import Measurement, prepare
 from logs.log import Log
 from sim.arm import Arm
@@ -24,10 +23,6 @@ SLIDING_TRAVEL = 4e-3  # rad within the window; with less, as between strokes, d
 # In a pause, dry friction relaxes to anywhere within its level; only some sliding makes it definite again.
 PAUSE_WINDOW, PAUSE_TRAVEL = 0.1, 4e-4  # s, rad
 AFTER = 0.2  # s
-# At a change of direction a joint may stick until its drive has built up torque: .02 to .08 s on the mock, no longer than a sample of
-# 10 ms on a UR10e. Dry friction is then undetermined too, but definite again at once.
-STICK_WINDOW, STICK_TRAVEL, AFTER_STICK = 0.02, 2e-5, 0.02  # s, rad, s
-COUNTS = 1.5  # of the encoder within STICK_TRAVEL, at least: with fewer, a stick looks like a slow change of direction
 LEAST_WARMING = 2.0  # K
 Scale = tuple[
     np.ndarray, np.ndarray
@@ -38,7 +33,7 @@ def measured(log: Log, arm: Arm) -> Measurement:
     """The log as rows for the diagnosis; rows in which a joint does not slide are unusable for that joint."""
     m = prepare(log, arm, ROW_CUTOFF, DerivativeFilter.flat)
     sliding = m.by_stretch(lambda q: _sliding(q, m.rate), m.trajectory.q)
-    thin = _thinned(replace(m, usable=m.usable & sliding & ~_sticking(log, m.trajectory.t)))
+    thin = _thinned(replace(m, usable=m.usable & sliding))
     return replace(thin, temperature=_temperature(log, thin.trajectory.t), followed=observed(log, thin, arm))
 
 
@@ -116,21 +111,6 @@ def _sliding(q: np.ndarray, rate: float) -> np.ndarray:
     paused = _travel(q, PAUSE_WINDOW, rate) < PAUSE_TRAVEL
     near = maximum_filter1d(paused.astype(np.uint8), 2 * int(AFTER * rate) + 1, axis=0) > 0
     return (_travel(q, SLIDING_WINDOW, rate) > SLIDING_TRAVEL) & ~near
-
-
-def _sticking(log: Log, t: np.ndarray) -> np.ndarray:
-    """(N, n) instants t within AFTER_STICK of one at which the readings of a joint stand; False for a coarse encoder.
-
-    Of the readings themselves: smoothed, those of a short stick would not stand.
-    """
-    read, rate = np.isfinite(log.q).all(axis=1), 1 / log.period
-    q, out = log.q[read], np.zeros((len(t), log.q.shape[1]), dtype=bool)
-    for j in range(q.shape[1]):
-        if COUNTS * resolution(q[:, j]) <= STICK_TRAVEL:
-            stands = _travel(q[:, j], STICK_WINDOW, rate) < STICK_TRAVEL
-            near = maximum_filter1d(stands.astype(float), 2 * int(AFTER_STICK * rate) + 1)
-            out[:, j] = np.interp(t, log.t[read], near) > 0
-    return out
 
 
 def _travel(q: np.ndarray, window: float, rate: float) -> np.ndarray:

@@ -23,7 +23,7 @@ from calib.diagnosis.motion import measured, on_scale, scale_of
 from calib.diagnosis.parameters import parameters_of
 from calib.diagnosis.significance import WORSE
 from calib.diagnosis.sums import Other, Point, Solver, SummedSolution, best_other, others_of, portion
-from calib.diagnosis.written_arm import WrittenArm
+from calib.diagnosis.written_arm import torque_rms
 from calib.regression.information import JointInformation, merged_joints, of_arrays, to_arrays
 from calib.regression.stored import Kept, digest_of
 from logs.log import Log
@@ -171,7 +171,7 @@ def _restated(arm: Arm, found: Diagnosis, summed: _Summed, last: Log, holdout: S
     """The answer with parameters from all pieces, the corrected arm that goes with them, and its gap.
 
     An arm with friction laws stays as it was tested, because these were fitted beside its parameters. So does an arm that
-    predicts a joint significantly better than the new one.
+    predicts a joint better than the new one.
     """
     assert found.found is not None
     if not summed.point.hypothesis.accepted or found.correction is None or found.answer["laws"]:
@@ -184,8 +184,8 @@ def _restated(arm: Arm, found: Diagnosis, summed: _Summed, last: Log, holdout: S
     change = correction(fit, found.limits)
     shown = on_scale([measured(log, arm) for log in holdout or [last]], point.warming)
     start = best.hypothesis.start
-    after, before = (WrittenArm.of(x, (), start, shown) for x in (change, found.correction))
-    if after.worse(before, np.full(start.n, 1 + WORSE)).any():
+    after = torque_rms(change.of(start), shown)
+    if np.any(after > (1 + WORSE) * torque_rms(found.correction.of(start), shown)):
         return found
     answer = dict(found.answer)
     values = {e.key: (e, std) for e, std in zip(fit.accepted, fit.std(), strict=True)}

@@ -73,16 +73,13 @@ class WrittenArm:
     def risen(self, other: WrittenArm, most: float, together: Sequence[list[int]]) -> np.ndarray:
         """(n,) joints whose RMS error exceeds that of `other` by more than the share `most`.
 
-        Groups of joints that an effect concerns are tested as one, by the mean of their squared ratios; others singly. Where the
-        error while sliding falls significantly, more error around changes of direction does not count: a joint that sticks there
-        holds any torque, so that even the true arm may be farther off.
+        Groups of joints that an effect concerns are tested as one, by the mean of their squared ratios; others singly.
         """
         squares, out = np.square(self.rms / np.maximum(other.rms, 1e-12)), np.zeros(len(self.rms), dtype=bool)
         alone = [[j] for j in range(len(out)) if not any(j in joints for joints in together)]
-        groups = [*together, *alone]
-        for joints in groups:
+        for joints in [*together, *alone]:
             out[joints] |= bool(squares[joints].mean() > (1 + most) ** 2)
-        return out & ~other.worse(self, np.ones(len(out)), groups)
+        return out
 
 
 def ways_of(
@@ -175,6 +172,11 @@ def as_written(measurements: Sequence[Measurement], named: Fit) -> Fit:
     return fit(measurements, named.hypothesis.as_written(), 3, named.solved.noise, named.models)
 
 
+def torque_rms(arm: Arm, measurements: Sequence[Measurement]) -> np.ndarray:
+    """(n,) N m RMS of `torque_errors` over rows in which a joint moves, over all if it never does."""
+    return rms_where(torque_errors(arm, measurements), moving_rows(measurements))
+
+
 def rms_where(errors: np.ndarray, rows: np.ndarray) -> np.ndarray:
     """(n,) RMS of errors (R, n) over the marked rows (R, n), over all rows of a joint without any."""
     return np.asarray(np.sqrt(np.mean(errors**2, axis=0, where=rows | ~rows.any(axis=0))))
@@ -195,8 +197,8 @@ def torque_errors(arm: Arm, measurements: Sequence[Measurement], lead: float = 0
 
 
 def moving_rows(measurements: Sequence[Measurement]) -> np.ndarray:
-    """(R, n) the rows of `torque_errors` in which a joint moves, reversals included; dry friction hides any torque at one that stands."""
-    return np.concatenate([m.row_usable[m.row_moving] for m in measurements])
+    """(R, n) the rows of `torque_errors` in which a joint moves or pauses; dry friction hides any torque at a joint that stands."""
+    return np.concatenate([m.row_joint_moving[m.row_moving] for m in measurements])
 
 
 def sliding_rows(arm: Arm, measurements: Sequence[Measurement]) -> np.ndarray:

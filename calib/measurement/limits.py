@@ -95,7 +95,7 @@ def _stands(log: Log, j: int, tau: np.ndarray, most: float) -> Iterator[tuple[fl
     if not under.any():
         return
     calm = np.sort(error[under])[: max(1, int(CALM * under.sum()))]
-    usual = max(float(np.sqrt(np.mean(calm**2))), resolution(log.q[:, j]))
+    usual = max(float(np.sqrt(np.mean(calm**2))), _resolution(log.q[:, j]))
     edges = np.flatnonzero(np.diff(np.concatenate([[0], torque > TOP * most, [0]])))
     for first, end in zip(edges[::2], edges[1::2], strict=True):
         stand = torque[first:end]
@@ -124,7 +124,7 @@ def _level(tau: np.ndarray, torque: np.ndarray, first: int, end: int) -> tuple[f
             return float(np.median(stand)), float(ERROR_OF_MEDIAN * stand.std() / np.sqrt(len(stand)))
 
 
-def resolution(q: np.ndarray) -> float:
+def _resolution(q: np.ndarray) -> float:
     """Smallest step of a reading; an error below it may read as zero."""
     steps = np.abs(np.diff(q))
     return float(np.min(steps[steps > LEAST_STEP], initial=1.0)) if np.any(steps > LEAST_STEP) else LEAST_STEP

@@ -87,24 +87,6 @@ def test_a_contact_begins_and_ends_in_its_recording(clean: Fit, start: float, wi
     assert admissible(found) == within
 
 
-@pytest.mark.parametrize(
-    ("effect", "values", "off"),
-    [
-        ("encoder_eccentricity", {"amplitude": 0.29, "cycles": 2.0, "phase": -6.283}, True),
-        ("encoder_eccentricity", {"amplitude": 0.3, "cycles": 2.0, "phase": 0.3}, False),
-        ("encoder_offset", {"offset": -0.5}, False),
-        ("load_dependent_friction", {"coefficient": 0.0}, True),
-        ("load_dependent_friction", {"coefficient": 1.0}, False),
-        ("torque_gain", {"gain": 0.3}, False),
-        ("torque_offset", {"offset": -9.0}, True),
-        ("nonlinear_viscous_friction", {"coefficient": 3.0, "exponent": 0.15}, False),
-    ],
-)
-def test_a_size_or_shape_at_a_bound_is_no_identification(clean: Fit, effect: str, values: dict[str, float], off: bool) -> None:
-    item = ArmEffect(effect, "elbow_joint", values)
-    assert admissible(replace(clean, hypothesis=clean.hypothesis.with_effects((item,)))) == off
-
-
 def test_a_contact_stays_in_its_recording_when_others_are_left_out(clean: Fit, ur10e: Arm) -> None:
     """Without the recording in which it happened, nothing would determine its force."""
     fitted = [m.measurement for m in clean.models]

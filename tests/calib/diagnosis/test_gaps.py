@@ -42,12 +42,11 @@ def noise_alone(arm: Arm, m: Measurement) -> np.ndarray:
     return np.asarray(np.sqrt(np.mean(m.decimator.rows(smooth) ** 2, axis=0)) * np.array(arm.sensors.torque_noise))
 
 
-def test_a_joint_that_sticks_at_a_reversal_has_no_residual_there(ur30: Arm, motion: Trajectory) -> None:
-    """The joint's dry friction is many times its noise."""
+def test_a_joint_that_stands_at_a_reversal_is_no_residual_of_a_sliding_one(ur30: Arm, motion: Trajectory) -> None:
     m = measured(recorded_on_mock(ur30, ur30, motion), ur30)
     found = gaps({"before": ur30}, [m])
     whole, sliding, noise = np.array(found["before"]), np.array(found["sliding"]["before"]), noise_alone(ur30, m)
-    assert np.all(whole < 1.4 * noise)
+    assert np.all(whole[:ELBOW] > 1.8 * noise[:ELBOW])
     assert np.all(sliding < 1.3 * noise)
     assert np.all(sliding > 0.8 * noise)
 

@@ -10,11 +10,8 @@ import pytest
 from calib.diagnosis.motion import ROW_CUTOFF, measured, warmed
 from calib.measurement.derivatives import DerivativeFilter
 from calib.measurement.preprocessing import prepare
-from logs.log import Log
 from sim.arm import Arm
 from tests.calib.diagnosis.conftest import recording
-
-WRIST = 3
 
 
 def test_rows_beside_a_pause_are_not_usable(ur10e: Arm) -> None:
@@ -81,34 +78,3 @@ def test_warming_has_one_scale_for_all_recordings(ur10e: Arm) -> None:
     assert second.warming[-1, 0] == pytest.approx(1.0, abs=0.05)
     assert not first.warming[:, 5].any()
     assert not second.warming[:, 5].any()
-
-
-@pytest.fixture
-def reversal(ur10e: Arm) -> tuple[Log, int]:
-    """A recording at twice the usual pace, and the sample of the wrist's sharpest change of direction."""
-    log = recording(ur10e, 1)
-    log = replace(log, t=log.t / 2, t_host=log.t / 2, dq=2 * log.dq)
-    turns = np.flatnonzero(np.diff(np.sign(log.dq[100:-200, WRIST]))) + 100
-    return log, int(turns[np.argmax(np.abs(np.gradient(log.dq[:, WRIST], log.t)[turns]))])
-
-
-def test_a_stick_at_a_change_of_direction_is_left_out(ur10e: Arm, reversal: tuple[Log, int]) -> None:
-    """60 ms at one angle, as a drive needs to build up twice the dry friction; a change of direction without it stays."""
-    log, k = reversal
-    q, stuck = log.q.copy(), round(0.06 / log.period)
-    q[k + stuck :, WRIST] = log.q[k:-stuck, WRIST]
-    q[k : k + stuck, WRIST] = log.q[k, WRIST]
-    sticks, turns = measured(replace(log, q=q), ur10e), measured(log, ur10e)
-    at, by = k * len(turns.usable) // len(log), stuck * len(turns.usable) // len(log)
-    assert turns.usable[at - 5 : at + by + 5, WRIST].all()
-    assert not sticks.usable[at : at + by, WRIST].any()
-    assert sticks.usable[at + by + 10 : at + by + 20, WRIST].all(), "dry friction is definite again as soon as the joint slides"
-    assert sticks.usable[at - 5 : at + by + 5, 1].all()
-
-
-def test_a_coarse_encoder_does_not_show_a_stick(ur10e: Arm) -> None:
-    """A slow change of direction looks like a stick; with counts of .1 mrad, every one would."""
-    log = recording(ur10e, 1)
-    coarse, fine = (measured(replace(log, q=q), ur10e) for q in (np.round(log.q, 4), log.q))
-    assert (coarse.usable | ~fine.usable).all()
-    assert (coarse.usable & ~fine.usable).any()

@@ -206,19 +206,6 @@ def test_a_rise_is_asked_over_all_joints_of_an_effect_and_elsewhere_one_by_one()
     assert _written(np.full((100, 3), 1.1)).risen(before, 0.05, [[0, 1, 2]]).all()
 
 
-def test_an_error_that_falls_while_the_joint_slides_may_rise_where_it_turns() -> None:
-    """A joint that sticks holds any torque: a delay of the reading, for example, brings the true arm nearer only where it slides."""
-    rng = np.random.default_rng(5)
-    errors = rng.standard_normal((600, 2))
-    sliding = np.ones((600, 2), dtype=bool)
-    sliding[::10] = False
-    mine = errors * np.where(sliding, [0.9, 1.0], 4.0)
-    before, after = _written(errors, sliding), _written(mine, sliding)
-    assert (after.rms > 1.3 * before.rms).all()
-    assert after.risen(before, 0.05, []).tolist() == [False, True]
-    assert after.risen(before, 0.05, [[0, 1]]).tolist() == [False, False]
-
-
 def test_neighbouring_rows_that_say_the_same_count_less() -> None:
     rng = np.random.default_rng(6)
     plain = np.ones((1200, 1))
