@@ -204,6 +204,6 @@ def _confused(f: Mapping[str, Any]) -> str:
 
 
 def _without(f: Mapping[str, Any]) -> str:
-    """The verdict of a session without names, and the effect that was refused if there is one."""
-    refused = ", ".join(sorted({str(r.get("effect", "")) for r in f["refused"]} - {""}))
+    """The verdict of a session without names, and the effects that were fitted and refused."""
+    refused = "; ".join(text.partition(" was fitted")[0] for text in f["refused"])
     return f["verdict"].replace("_", " ") + (f" ({refused} refused)" if refused else "")

@@ -20,7 +20,11 @@ def test_a_name_beside_the_hidden_effect_is_wrong_and_one_that_cannot_be_disting
         "verdict": "effects_found",
         "refused": [],
     }
-    silent = found | {"names": [], "verdict": "no_missing_effect", "refused": [{"effect": "torque_gain"}]}
+    silent = found | {
+        "names": [],
+        "verdict": "no_missing_effect",
+        "refused": ["torque gain at elbow_joint was fitted and is left out: the error rises"],
+    }
     beside = found | {"names": [gain, delay], "scores": {"gain": 2.5}}
     rival = found | {"names": [delay], "rivals": [gain]}
     right = found | {"names": [gain], "right": True, "scores": {"gain": 0.4}}
@@ -36,7 +40,7 @@ def test_a_name_beside_the_hidden_effect_is_wrong_and_one_that_cannot_be_disting
     )
     assert rows["parameters within 2 standard deviations of the hidden value"]["value"] == pytest.approx(50)
     assert rows["torque_gain"]["value"] == "1 of 4 right"
-    assert "no missing effect (torque_gain refused)" in rows["torque_gain"]["note"]
+    assert "no missing effect (torque gain at elbow_joint refused)" in rows["torque_gain"]["note"]
 
 
 @pytest.mark.parametrize("effect", mock_effects.HIDDEN, ids=lambda e: e.name)
