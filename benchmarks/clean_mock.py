@@ -7,22 +7,16 @@ where the last one stopped (build/clean_mock.jsonl), for `minutes` at a time.
 
 from __future__ import annotations
 
-import time
 from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import Any
 
 import numpy as np
 
-import calib
-import drivers
-import logs
-import safety
-import sim
-from benchmarks.forked import forked, warm
 from benchmarks.kept import FOLDER, Kept
 from benchmarks.known_truth import fitting_motion
 from benchmarks.results import digest
+from benchmarks.sliced import findings
 from calib.claims.diagnosis_sentences import DISAGREES
 from calib.diagnosis.diagnose import diagnose
 from calib.identification.identify import identify
@@ -37,7 +31,6 @@ from sim.trajectory import Trajectory
 
 COUNT = 100
 RATE = 250.0  # Hz, as in the demo
-LONGEST = 3600.0  # s, time limit of one session on a computer that is busy with other work
 MEASURES = ("benchmarks.clean_mock",)
 
 
@@ -86,20 +79,10 @@ def session(name: str, seed: int, identified: bool) -> dict[str, Any]:
 
 def run(minutes: float = 10.0, count: int = COUNT) -> list[dict[str, Any]]:
     """Run sessions for `minutes`; return rows (what, value, unit, bar, note) over all sessions finished so far."""
-    end = time.monotonic() + 60 * minutes
     kept = Kept(FOLDER / "clean_mock.jsonl", " ".join(digest(path) for path in MEASURES))
     arms = sorted(folder.name for folder in (shipped_configs() / "arms").iterdir())
-    warm(sim, logs, drivers, safety, calib)
-    jobs = {f"{arms[k % len(arms)]} {k}": (arms[k % len(arms)], k, k < len(arms)) for k in range(count)}
-    todo = ((key, partial(session, *job)) for key, job in jobs.items() if key not in kept.found)
-    for done in forked(todo, LONGEST, end):
-        if done.fault:
-            raise RuntimeError(f"{done.key}: {done.fault}")
-        kept.keep(done.key, done.value)
-    found = [kept.found[key] for key in jobs if key in kept.found]
-    if not found:
-        raise RuntimeError(f"no session ended within {minutes:g} min")
-    return rows(found, count, len(arms))
+    jobs = {f"{arms[k % len(arms)]} {k}": partial(session, arms[k % len(arms)], k, k < len(arms)) for k in range(count)}
+    return rows(list(findings(jobs, kept, minutes).values()), count, len(arms))
 
 
 def rows(found: Sequence[Mapping[str, Any]], count: int, arms: int) -> list[dict[str, Any]]:

@@ -10,7 +10,6 @@ nominal, the corrected and the true model, as in the demo. A run continues where
 from __future__ import annotations
 
 import tempfile
-import time
 from collections.abc import Mapping, Sequence
 from functools import cache, partial
 from pathlib import Path
@@ -18,15 +17,10 @@ from typing import Any
 
 import numpy as np
 
-import calib
-import drivers
-import logs
-import safety
-import sim
 from benchmarks.clean_mock import driven
-from benchmarks.forked import forked, warm
 from benchmarks.kept import FOLDER, Kept
 from benchmarks.results import digest
+from benchmarks.sliced import findings
 from calib import demo
 from calib.diagnosis.diagnose import diagnose
 from calib.excitation.session import QUICK, design
@@ -40,7 +34,6 @@ from sim.trajectory import Trajectory
 
 COUNT = 200
 CELL = "mock-ur10e"
-LONGEST = 3600.0  # s, time limit of one seed on a computer that is busy with other work
 MEASURES = ("benchmarks.demo",)
 
 
@@ -92,19 +85,10 @@ def answered(seed: int) -> dict[str, Any]:
 
 def run(minutes: float = 10.0, count: int = COUNT) -> list[dict[str, Any]]:
     """Run seeds for `minutes`; return rows (what, value, unit, bar, note) over all seeds finished so far."""
-    end = time.monotonic() + 60 * minutes
     kept = Kept(FOLDER / "demo.jsonl", " ".join(digest(path) for path in MEASURES))
     motions()
-    warm(sim, logs, drivers, safety, calib)
-    todo = ((str(seed), partial(answered, seed)) for seed in range(count) if str(seed) not in kept.found)
-    for done in forked(todo, LONGEST, end):
-        if done.fault:
-            raise RuntimeError(f"seed {done.key}: {done.fault}")
-        kept.keep(done.key, done.value)
-    found = {seed: kept.found[str(seed)] for seed in range(count) if str(seed) in kept.found}
-    if not found:
-        raise RuntimeError(f"no seed ended within {minutes:g} min")
-    return rows(found, count)
+    found = findings({str(seed): partial(answered, seed) for seed in range(count)}, kept, minutes)
+    return rows({int(seed): value for seed, value in found.items()}, count)
 
 
 def rows(found: Mapping[int, Mapping[str, Any]], count: int) -> list[dict[str, Any]]:
